@@ -24,15 +24,16 @@ class AddGrainParameters(Parameters):
     level: float = Field(
         1.5,
         ge=0,
-        description="Of the grain in renders: root mean square, in levels of 255. 0: none, the container stays as it "
-        "is.",
+        description="Strength of the grain in renders: root mean square, in levels of 255. Larger is easier to detect "
+        "and more visible; 0 leaves the container unchanged.",
     )
     seed: int = Field(
         0,
         ge=0,
-        description="Of the coins that decide how each Gaussian changes, where there is no key. It is no secret.",
+        description="Random seed for the coins that decide how each Gaussian changes, used if there is no key. Not "
+        "secret.",
     )
-    threads: int = Field(1, ge=1, description="Threads of torch: sums over pixels, and so the bits, depend on it.")
+    threads: int = Field(1, ge=1, description="PyTorch CPU threads; the result's exact bits depend on it.")
 
 
 @stage(
@@ -64,7 +65,7 @@ def add_grain(context: Context, parameters: AddGrainParameters) -> None:
     cameras = scene.cameras.select(learnt_names(scene)[::MEASURED_ON])
     gaussians = read_gaussians(container, device)
     if parameters.level == 0:
-        context.log("left as it is: it is to have no grain")
+        context.log("left unchanged: level is 0, so no grain is added")
     else:
         key = context.input_optional("key")
         coins = thrown(len(gaussians), key_generator(key, parameters.seed))

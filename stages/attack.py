@@ -40,16 +40,20 @@ class AttackParameters(Parameters):
     cover_losses: tuple[Annotated[float, Field(gt=0)], ...] = Field(
         (0.25, 0.5, 1.0, 2.0, 4.0),
         min_length=1,
-        description="How much the cover is to lose on test views, in dB: severities follow from it for all attacks "
-        "that have no natural ones, such as bits.",
+        description="Target losses of the cover on test views, in dB. The severity of each attack is chosen to match, "
+        "except for attacks with natural severities, such as bits.",
     )
-    seeds: DistinctSeeds = Field((0, 1, 2), min_length=1, description="Of what is random in the attacks.")
+    seeds: DistinctSeeds = Field((0, 1, 2), min_length=1, description="Random seeds for the attacks.")
     reoptimised: tuple[Annotated[int, Field(ge=1)], ...] = Field(
-        (100, 200, 300, 400, 500), min_length=1, description="Iterations of re-optimisation after which it is measured."
+        (100, 200, 300, 400, 500),
+        min_length=1,
+        description="Numbers of re-optimisation iterations after which to measure.",
     )
-    test_views: int = Field(12, ge=1, description="Of the test views at most so many are measured, evenly spread.")
-    lpips: bool = Field(True, description="LPIPS (VGG16) of the cover in the paper's table, if its weights are there.")
-    threads: int = Field(1, ge=1, description="Threads of torch.")
+    test_views: int = Field(12, ge=1, description="Maximum number of test views to measure, evenly spread.")
+    lpips: bool = Field(
+        True, description="Report LPIPS (VGG16) of the cover in the paper's table, if its weights are installed."
+    )
+    threads: int = Field(1, ge=1, description="PyTorch CPU threads.")
 
     @field_validator("lpips")
     @classmethod

@@ -17,7 +17,7 @@ from stages.hiding.method_names import MethodName
 class CompareAttributesParameters(Parameters):
     """The method's name in the measurements."""
 
-    method: MethodName = Field("gs_hider", description="The method that hides, whose rows these are.")
+    method: MethodName = Field("gs_hider", description="The hiding method to name in the rows.")
 
 
 @stage(

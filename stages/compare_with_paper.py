@@ -37,8 +37,10 @@ class CompareWithPaperParameters(Parameters):
 
     tables: tuple[Table, ...] = Field(("fidelity",), description="The tables, in order.")
     capture_column: str = Field("capture", description="The column of the items that names the cover's capture.")
-    method_column: str = Field("method", description="The column that names the method; without it, the scores say it.")
-    seed_column: str = Field("seed", description="The column of the seed: items that differ in it alone are one.")
+    method_column: str = Field("method", description="The column that names the method; if absent, the scores name it.")
+    seed_column: str = Field(
+        "seed", description="The column of the seed; items that differ only in the seed are pooled."
+    )
     public_captures: bool = Field(False, description="Whether the public page names the captures.")
 
 

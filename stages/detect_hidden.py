@@ -22,15 +22,17 @@ INPUTS = {"hidden": HIDDEN, "clean": CLEAN, "clean_again": CLEAN_AGAIN}
 class DetectHiddenParameters(Parameters):
     """Which capture is tested, and how the detector is trained."""
 
-    capture: str = Field("", description="The cover's capture whose renders are tested; from the others' it learns.")
+    capture: str = Field(
+        "", description="The cover capture to test on; the detector is trained on the renders of all others."
+    )
     method: MethodName = Field(
-        "gs_hider", description="The method that hides: the detector knows it, and its renders alone."
+        "gs_hider", description="The hiding method; the detector is trained and tested on its renders only."
     )
     capture_column: str = Field("cover", description="The column of the items that names the cover's capture.")
     method_column: str = Field("method", description="The column that names the method that hides.")
-    iterations: int = Field(300, ge=1, description="Steps of the detector's training.")
-    seed: int = Field(0, ge=0, description="Of the detector's first weights, and of the places it learns from.")
-    threads: int = Field(1, ge=1, description="Threads of torch.")
+    iterations: int = Field(300, ge=1, description="Training steps of the detector.")
+    seed: int = Field(0, ge=0, description="Random seed for the detector's initial weights and its training crops.")
+    threads: int = Field(1, ge=1, description="PyTorch CPU threads.")
 
 
 @stage(

@@ -74,32 +74,32 @@ class DetectWatermarkParameters(Parameters):
     method: MethodName = Field("gs_hider", description="The container's method; plain for splats of 3DGS.")
     reader: Literal["decoder", "grain"] = Field(
         "decoder",
-        description="Who looks for it: the decoder of a codec, as in the paper; or the owner of a container with "
-        "grain, who has the container from before, and the key or the seed by which the coins fell.",
+        description="What looks for the watermark. decoder: the codec's decoder, as in the paper. grain: the owner's "
+        "test for grain, using the container from before it and the key or seed of the coins.",
     )
-    grain_seed: int = Field(0, ge=0, description="That of add_grain, where there is no key.")
+    grain_seed: int = Field(0, ge=0, description="The seed given to add_grain; used if there is no key.")
     renders: int = Field(
         400,
         ge=2,
-        description="New cameras along the rig. Every other one sets a decoder's threshold, the rest are scored; the "
-        "threshold of grain is known, and all are scored.",
+        description="Number of new cameras along the rig. With a decoder, every other one sets its threshold and the "
+        "rest are scored; the threshold for grain is known, so all are scored.",
     )
     negatives: int = Field(
         3200,
         ge=1,
-        description="Pictures of other scenes, at least, as many of each source as of the others; and as many of the "
-        "cover without the watermark. Beside them as many noisy ones as of one source.",
+        description="Minimum number of pictures of other scenes, split equally among the sources; as many of the cover "
+        "without the watermark are added, and as many noisy ones as one source has.",
     )
     distorted_of: int = Field(
         20,
         ge=0,
-        description="Of every so many pictures of other scenes one is tried after each distortion, too; of 0 none.",
+        description="One in this many pictures of other scenes is also tested after each distortion; 0: none.",
     )
     shipped_photos: ShippedPhotos = Field(
-        HELD_OUT, description="Photos that packages ship, by their files' names, as far as they are installed."
+        HELD_OUT, description="File names of photos shipped with Python packages; those not installed are skipped."
     )
-    seed: int = Field(0, ge=0, description="Of windows of photos, and of distortions.")
-    threads: int = Field(1, ge=1, description="Threads of torch.")
+    seed: int = Field(0, ge=0, description="Random seed for photo crops and distortions.")
+    threads: int = Field(1, ge=1, description="PyTorch CPU threads.")
 
 
 @stage(
@@ -178,7 +178,7 @@ def _detector(
         codec = context.input_optional("codec")
         if codec is None:
             raise UserError(
-                "there is no decoder to look for the watermark",
+                "there is no decoder to detect the watermark with",
                 found="no codec among the inputs, and reader: decoder",
                 remedy="give detect_watermark the input codec, or set reader: grain for a container with grain",
             )
@@ -245,16 +245,17 @@ def _amounts(context: Context, parameters: DetectWatermarkParameters) -> Amounts
     scenes, splats = context.input_many("other_scenes"), context.input_many("other_splats")
     if len(scenes) != len(splats):
         raise UserError(
-            "scenes and splats of clean models belong together",
+            "the clean models' scenes and splats do not pair up",
             found=f"{len(scenes)} scenes and {len(splats)} splats",
-            expected="as many of one as of the other, in the same order",
+            expected="as many scenes as splats, in the same order",
         )
     if splats and (photos := len(context.input_many("other_photos"))) not in (0, len(splats)):
         raise UserError(
-            "photos and splats of other captures belong together",
+            "the other captures' photos and splats do not pair up",
             found=f"photos of {photos} captures and splats of {len(splats)}",
-            expected="as many of one as of the other, in the same order: photos and renders of a capture are one scene",
-            remedy="give both of every capture, or one of the two alone",
+            expected="as many of one as of the other, in the same order: photos and renders of a capture count as one "
+            "scene",
+            remedy="give both for every capture, or only one of the two inputs",
         )
     is_shipped = bool(parameters.shipped_photos)
     sources = len(context.input_many("other_photos")) + len(splats) + is_shipped

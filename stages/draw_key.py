@@ -15,7 +15,9 @@ class DrawKeyParameters(Parameters):
     """The source of the key."""
 
     seed: int | None = Field(
-        None, ge=0, description="For experiments: a key that anyone can draw again. Without it, the system's entropy."
+        None,
+        ge=0,
+        description="For experiments only: gives a reproducible key. If not set, the key is drawn from system entropy.",
     )
 
 

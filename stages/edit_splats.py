@@ -25,7 +25,7 @@ class EditSplatsParameters(Parameters):
     """The edits to apply."""
 
     edits: list[Annotated[Edit, Field(discriminator="edit")]] = Field(
-        description="Each a recolour, remove or add, made one after the other.", min_length=1, max_length=100
+        description="List of edits (recolour, remove or add), applied in order.", min_length=1, max_length=100
     )
 
 

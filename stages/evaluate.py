@@ -44,9 +44,9 @@ class EvaluateParameters(Parameters):
     """
 
     method: MethodName = Field("gs_hider", description="The container's method.")
-    lpips: Networks = Field("vgg", description="LPIPS's network, used on test views.")
-    shown_train_views: int = Field(2, ge=0, description="How many training views are kept as pictures.")
-    threads: int = Field(2, ge=1, description="Threads of torch.")
+    lpips: Networks = Field("vgg", description="Backbone network of LPIPS, which is measured on test views.")
+    shown_train_views: int = Field(2, ge=0, description="Number of training views kept as pictures.")
+    threads: int = Field(2, ge=1, description="PyTorch CPU threads.")
 
     @field_validator("lpips")
     @classmethod
@@ -120,9 +120,9 @@ def _hidden_messages(messages: Mapping[str, MessageViews], secret: Artifact | No
     """The messages that the container hides; a workflow may give more. Raises `UserError` if they lack a secret."""
     if messages and secret is None:
         raise UserError(
-            "messages cannot be scored",
-            found="messages without a secret",
-            expected="the message decoder",
+            "the messages cannot be scored without the secret",
+            found="messages, but no secret",
+            expected="the secret, which holds the message decoder",
             remedy="give evaluate the input secret: hide.secret",
         )
     return hidden_messages(messages, secret)
@@ -145,7 +145,7 @@ def _perceptual(context: Context, parameters: EvaluateParameters, scene: Scene, 
 def _lpips(network: Network, device: torch.device) -> Lpips:
     metric = load_lpips(network, device)
     if metric is None:
-        raise UserError(f"the weights of LPIPS ({network}) have just been removed", remedy=HOW_TO_INSTALL)
+        raise UserError(f"the LPIPS weights ({network}) were removed during the run", remedy=HOW_TO_INSTALL)
     return metric
 
 

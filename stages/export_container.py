@@ -26,8 +26,10 @@ from stages.scene.scene import Scene, read_scene
 class ExportContainerParameters(Parameters):
     """The camera path that is exported if the cover is given."""
 
-    frames: int = Field(96, ge=2, le=MOST_CAMERAS, description="Cameras of the path: pictures in a viewer's video.")
-    bends: int = Field(16, ge=3, description="How many bends the path has at most: with fewer it is smoother.")
+    frames: int = Field(
+        96, ge=2, le=MOST_CAMERAS, description="Number of cameras on the path; each is one frame of a viewer's video."
+    )
+    bends: int = Field(16, ge=3, description="Maximum number of bends in the path; fewer make it smoother.")
 
 
 @stage(
@@ -53,11 +55,11 @@ def export_container(context: Context, parameters: ExportContainerParameters) ->
     container, secret = context.input("container"), context.input_optional("secret")
     if container.private:
         raise UserError(
-            "a private container would be published",
+            "this stage would publish a private container",
             where=str(container.path),
             found="a container that the workflow declares private",
-            expected="one that may be given to anyone",
-            remedy="give it what `seal` makes of the container and its secret, or take the export from the workflow",
+            expected="a container that may be published",
+            remedy="export the container that the stage `seal` makes, or remove the export from the workflow",
         )
     bundle = container_bundle(container)
     write_container_bundle(context.output("bundle"), bundle)

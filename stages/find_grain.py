@@ -29,8 +29,8 @@ class FindGrainParameters(Parameters):
     """The container's method, and the source of the grain's coins."""
 
     method: MethodName = Field("plain", description="The container's method; plain for splats of 3DGS.")
-    grain_seed: int = Field(0, ge=0, description="That of add_grain, where there is no key.")
-    threads: int = Field(1, ge=1, description="Threads of torch.")
+    grain_seed: int = Field(0, ge=0, description="The seed given to add_grain; used if there is no key.")
+    threads: int = Field(1, ge=1, description="PyTorch CPU threads.")
 
 
 @stage(
@@ -76,7 +76,7 @@ def find_grain(context: Context, parameters: FindGrainParameters) -> None:
         for quantity, value in ((SCORE, score), (FOUND, float(score >= CERTAIN))):
             rows.append(Measurement(quantity, value, "picture", view=name, method=parameters.method))
     for name in unreadable_names(capture):
-        context.log(f"{name}: cannot be read, which says neither yes nor no")
+        context.log(f"{name}: inconclusive: the file cannot be read")
         rows.append(Measurement(UNREADABLE, 1.0, "picture", view=name, method=parameters.method))
     write_measurements(context.output("scores"), rows)
     context.record(device=drawn_by)
@@ -96,7 +96,9 @@ def _kept_as(path: Path, device: str) -> str:
 
 def _told(picture: Picture, score: float) -> str:
     if is_colorless(picture):
-        return "tells nothing: it has no colour, and the grain lies in colour alone"
+        return "inconclusive: it has no colour, and the grain is in the colours only"
     if score >= CERTAIN:
         return f"has the grain (standard score {score:.1f})"
-    return f"no grain found (standard score {score:.1f})" if score else "tells nothing: shows nothing of the scene"
+    return (
+        f"no grain found (standard score {score:.1f})" if score else "inconclusive: nothing of the scene is recognised"
+    )

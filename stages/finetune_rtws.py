@@ -38,18 +38,20 @@ class FinetuneRtwsParameters(Parameters):
     method: MethodName = Field("gs_hider", description="The container's method; plain for splats of 3DGS.")
     marked: bool = Field(
         True,
-        description="Whether half of the views are watermarked. Without, features are trained as long on views as they "
-        "are: what that gains is no merit of the watermark, and hides what it costs.",
+        description="Whether half of the views are watermarked. If false, features are trained just as long on "
+        "unmarked views: a control that separates the effect of further training from that of the watermark.",
     )
     iterations: int = Field(300, ge=1, description="Optimisation steps, one view each.")
     feature_rate: float = Field(
-        5e-3, gt=0, description="Learning rate of features, or of the constant harmonic: what a hiding ends with."
+        5e-3, gt=0, description="Learning rate of features, or of the SH DC term; by default, the final rate of hiding."
     )
-    final_rate_share: float = Field(0.2, gt=0, le=1, description="Share of the rates that is left at the end.")
-    lambda_message: float = Field(0.1, ge=0, description="λ: the message's weight, where it is given.")
+    final_rate_share: float = Field(0.2, gt=0, le=1, description="Final learning rates as a share of the initial ones.")
+    lambda_message: float = Field(0.1, ge=0, description="λ: the message's weight in the loss, if a message is given.")
     ssim_weight: float = Field(0.2, ge=0, le=1, description="γ and β: SSIM's share of each picture's loss.")
-    seed: int = Field(0, ge=0, description="Of which half of the views is watermarked, and of their order.")
-    threads: int = Field(1, ge=1, description="Threads of torch: sums over pixels, and so the bits, depend on it.")
+    seed: int = Field(
+        0, ge=0, description="Random seed for which half of the views is watermarked, and for their order."
+    )
+    threads: int = Field(1, ge=1, description="PyTorch CPU threads; the result's exact bits depend on it.")
 
 
 @stage(

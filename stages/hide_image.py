@@ -29,8 +29,8 @@ class HideImageParameters(HidingParameters):
     lambda_message: float = Field(0.1, ge=0, description="λ: the image's weight in the total loss.")
     view: str | None = Field(
         None,
-        description="The training view that hides the image, by its name; if not set, the key chooses one. Without "
-        "a key it is the middle one, which anyone can guess.",
+        description="Name of the training view that hides the image. If not set, the key chooses one; without a key, "
+        "it is the middle one, which anyone can guess.",
     )
 
 
@@ -84,8 +84,8 @@ def chosen_view(cover: Scene, wanted: str | None, key: Artifact | None) -> str:
         return names[len(names) // 2]
     if wanted not in names:
         raise UserError(
-            "an image is hidden in a view that is trained on",
+            "the view to hide the image in is not a training view",
             found=wanted,
-            expected=f"one of {len(names)} training views{nearest(wanted, names)}",
+            expected=f"one of the {len(names)} training views{nearest(wanted, names)}",
         )
     return wanted

@@ -27,10 +27,10 @@ class HideScenesParameters(HidingParameters):
     hides_scenes: ClassVar[bool] = True
 
     hidden: int | None = Field(
-        None, ge=0, description="How many of the given messages are hidden, from the first on; null: all of them."
+        None, ge=0, description="Number of messages to hide, starting with the first; null: all of them."
     )
     message_points: int = Field(
-        0, ge=0, description="Start with this many points of each message, too. The paper: none; homogeneous: 4000."
+        0, ge=0, description="Number of points of each message to add at the start. The paper: 0; homogeneous: 4000."
     )
 
 
@@ -77,8 +77,8 @@ def hide_scenes(context: Context, parameters: HideScenesParameters) -> None:
 def _refuse_too_few(hidden: int | None, given: int) -> None:
     if hidden is not None and hidden > given:
         raise UserError(
-            "more messages are to be hidden than there are",
+            "hidden exceeds the number of messages given",
             found=f"hidden: {hidden}, {given} messages",
-            expected=f"hidden to be at most {given}",
-            remedy="Give hide_scenes more messages, or leave hidden out: then all are hidden.",
+            expected=f"hidden: at most {given}",
+            remedy="Give hide_scenes more messages, or leave hidden out to hide all of them.",
         )

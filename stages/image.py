@@ -16,8 +16,10 @@ class ImageParameters(Parameters):
     """Which picture is read."""
 
     name: MessageName = Field("image", description="The image's name in the secret and in the tables.")
-    file: ExternalPath | None = Field(None, description="A picture file; or give a capture and leave this out.")
-    photo: str | None = Field(None, description="The photo of the capture; without it, its first.")
+    file: ExternalPath | None = Field(
+        None, description="A picture file. Leave it out to take a photo of the input capture instead."
+    )
+    photo: str | None = Field(None, description="Name of the photo in the capture; by default, the first.")
 
 
 @stage(inputs={"capture": Input("capture", optional=True)}, outputs={"image": Output("image")}, version=1)
@@ -29,9 +31,9 @@ def image(context: Context, parameters: ImageParameters) -> None:
     capture = context.input_optional("capture")
     if (capture is None) == (parameters.file is None):
         raise UserError(
-            "an image comes from one place",
-            found="neither a file nor a capture" if capture is None else "a file and a capture",
-            expected="the parameter file, or the input capture",
+            "the image needs exactly one source",
+            found="neither a file nor a capture" if capture is None else "both a file and a capture",
+            expected="either the parameter file or the input capture",
         )
     if parameters.file is not None:
         path = parameters.file

@@ -27,8 +27,8 @@ class ImportContainerParameters(Parameters):
     )
     secret: ExternalPath | None = Field(
         None,
-        description="Folder with secret.json, message_decoder.safetensors, and, of a picture, image_camera.json; "
-        "without it, the cover alone.",
+        description="Folder with secret.json, message_decoder.safetensors, and, for a hidden image, "
+        "image_camera.json; without a secret, only the cover is shown.",
     )
     method: MethodName = Field("gs_hider", description="The container's method, as container.json names it.")
 

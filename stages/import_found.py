@@ -17,7 +17,7 @@ class ImportFoundParameters(Parameters):
     """Where the file is, and the published container's method."""
 
     place: ExternalPath = Field(
-        description="The PLY that was found, or its folder; other files in that are not looked at."
+        description="The PLY that was found, or the folder that holds it; other files there are ignored."
     )
     method: MethodName = Field("gs_hider", description="The published container's method.")
 
@@ -44,5 +44,5 @@ def import_found(context: Context, parameters: ImportFoundParameters) -> None:
     without = f"; {found.left_out} with values that no scene has are left out" if found.left_out else ""
     context.log(f"{len(gaussians)} Gaussians, of {len(originals)} that were published{without}")
     if found.renamed:
-        context.log(f"no columns are called as features; {listed(found.renamed)} are read as these")
+        context.log(f"no column has a feature's name; {listed(found.renamed)} are read as features")
     context.record(gaussians=len(gaussians), left_out=found.left_out)

@@ -23,11 +23,11 @@ class ImportGrainParameters(Parameters):
     """Where the owner's files are, and the container's method."""
 
     before: ExternalPath = Field(
-        description="The container from before its grain, such as hide_photos/hide.container, as the command `export` "
-        "copies it, or as it lies in a store."
+        description="The container before grain was added, such as hide_photos/hide.container, as copied by the "
+        "command `export` or as found in a store."
     )
     after: ExternalPath = Field(
-        description="The one with the grain and not sealed, such as hide_photos/grain.container."
+        description="The container with grain, before sealing, such as hide_photos/grain.container."
     )
     key: ExternalPath = Field(description="The grain's key, such as hide_photos/grain_key.key.")
     method: MethodName = Field("gs_hider", description="The container's method.")
@@ -56,17 +56,17 @@ def import_grain(context: Context, parameters: ImportGrainParameters) -> None:
         raise UserError(
             "the container has no grain",
             where=parameters.after,
-            found="the Gaussians from before it",
+            found="the same Gaussians as before the grain",
             expected="a run with `--set grain=1.5`, or another level above 0",
-            remedy="Pictures of what was published without a grain cannot be told.",
+            remedy="Pictures of a container published without grain cannot be identified.",
         )
     coins = thrown(len(gaussians), key_generator(key, 0))
     if not follows(gaussians, changed, coins):
         raise UserError(
-            "the grain does not follow the key",
+            "the grain does not match the key",
             where=parameters.after,
-            found="Gaussians that differ from those before otherwise than the key says",
-            expected="both containers and the key of one run",
+            found="differences between the Gaussians before and after that do not follow from the key",
+            expected="both containers and the key from the same run",
             remedy=REMEDY,
         )
     write_container(context.output("before"), gaussians, read_method(before))
@@ -80,7 +80,9 @@ def _kept(place: Path, kind: str) -> Artifact:
         copy = load(place)
         copy.verify()
     except CorruptArtifact as error:
-        raise UserError(f"no {kind}, or one that is broken", where=place, found=error, remedy=REMEDY) from error
+        raise UserError(f"{kind} missing or damaged", where=place, found=error, remedy=REMEDY) from error
     if copy.kind != kind:
-        raise UserError("another kind of result", where=place, found=copy.kind, expected=kind, remedy=REMEDY)
+        raise UserError(
+            "this is not the expected kind of artifact", where=place, found=copy.kind, expected=kind, remedy=REMEDY
+        )
     return copy

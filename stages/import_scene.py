@@ -35,7 +35,9 @@ REMEDY = "give the folder to which `export` copied a scene, such as hide_photos/
 class ImportSceneParameters(Parameters):
     """Where the scene is."""
 
-    folder: ExternalPath = Field(description="A scene as the command `export` copies it, or as it lies in a store.")
+    folder: ExternalPath = Field(
+        description="Folder of a scene, as copied by the command `export` or as found in a store."
+    )
 
 
 @stage(inputs={}, outputs={"scene": Output(KIND)}, version=1)
@@ -52,9 +54,7 @@ def import_scene(context: Context, parameters: ImportSceneParameters) -> None:
         _check_form(copy)
         scene = read_scene(copy)
     except CorruptArtifact as error:
-        raise UserError(
-            "no scene, or one that is broken", where=parameters.folder, found=error, remedy=REMEDY
-        ) from error
+        raise UserError("scene missing or damaged", where=parameters.folder, found=error, remedy=REMEDY) from error
     if copy.private and not context.output("scene").private:
         raise UserError(
             "a private scene would become public",
@@ -74,16 +74,23 @@ def import_scene(context: Context, parameters: ImportSceneParameters) -> None:
 def _check_form(copy: Artifact) -> None:
     """Check kind, types and shapes before any array is decompressed. Raises `UserError` if they are not a scene's."""
     if copy.kind != KIND:
-        raise UserError("another kind of result", where=copy.path, found=copy.kind, expected=KIND, remedy=REMEDY)
+        raise UserError(
+            "this is not the expected kind of artifact", where=copy.path, found=copy.kind, expected=KIND, remedy=REMEDY
+        )
     records = copy.manifest.arrays
     for name, (kind, shape) in FORMS.items():
         record = records.get(name)
         if record is None or record.dtype[1:] != kind or not _fits(record.shape, shape):
             found = "nothing" if record is None else f"{record.dtype} {list(record.shape)}"
-            raise UserError(f"a scene whose {name} are none", where=copy.path, found=found, expected=f"{kind} {shape}")
+            raise UserError(
+                f"the scene's {name} are missing or of the wrong type or shape",
+                where=copy.path,
+                found=found,
+                expected=f"{kind} {shape}",
+            )
     size = sum(math.prod(records[name].shape) * np.dtype(kind).itemsize for name, (kind, _) in FORMS.items())
     if size > LARGEST:
-        raise UserError("a scene of absurd size", where=copy.path, found=f"{size} bytes", expected=f"at most {LARGEST}")
+        raise UserError("the scene is too large", where=copy.path, found=f"{size} bytes", expected=f"at most {LARGEST}")
 
 
 def _fits(found: Sequence[int], expected: Sequence[int | None]) -> bool:
@@ -99,19 +106,21 @@ def _check_views(copy: Artifact, scene: Scene) -> None:
     )
     if not names or wrong or len(set(names)) != len(names) or not set(scene.test_names) <= set(names):
         raise UserError(
-            "a scene whose parts do not belong together",
+            "the scene's parts do not match",
             where=copy.path,
             found=f"{len(names)} views, {len(scene.pictures)} pictures, {len(scene.points)} points and "
-            f"{len(scene.point_colors)} colours of theirs",
+            f"{len(scene.point_colors)} point colours",
             expected="a picture for each view, at least one, test views among them, and a colour for each point",
         )
     refuse_unwritten_names(copy.path, names)
     strange = [name for name, good in zip(names, are_cameras(scene.cameras), strict=True) if not good]
     if strange or not np.isfinite(scene.points).all():
         raise UserError(
-            "a scene with cameras that see nothing, or points that are nowhere",
+            "the scene has invalid cameras or points",
             where=copy.path,
-            found=f"no camera at {', '.join(strange[:LISTED])}" if strange else "NaN or infinity among the points",
-            expected="focal lengths above 0, rotations, and finite places",
+            found=f"invalid cameras for {', '.join(strange[:LISTED])}"
+            if strange
+            else "NaN or infinity among the points",
+            expected="focal lengths above 0, valid rotations, and finite positions",
             remedy=REMEDY,
         )

@@ -46,23 +46,33 @@ class ImprintWatermarkParameters(Parameters):
 
     method: MethodName = Field("gs_hider", description="The container's method; plain for splats of 3DGS.")
     level: float = Field(
-        2.5, gt=0, description="How much the imprint may change any training view's render of the cover."
+        2.5, gt=0, description="Maximum change of the cover's render in any training view; larger is easier to detect."
     )
-    first_level: float = Field(20, gt=0, description="How much of it there is to begin with, as grain.")
-    message_level: float = Field(0.75, gt=0, description="How much it may change what the secret shows of messages.")
-    iterations: int = Field(4000, ge=1, description="Steps; each sees one training view, and pictures that show black.")
-    settling_share: float = Field(0.7, gt=0, le=1, description="Share of the steps in which the level falls.")
+    first_level: float = Field(20, gt=0, description="Level at the start, added as grain.")
+    message_level: float = Field(0.75, gt=0, description="Maximum change of the messages that the secret shows.")
+    iterations: int = Field(
+        4000, ge=1, description="Optimisation steps; each uses one training view and pictures that must show black."
+    )
+    settling_share: float = Field(
+        0.7, gt=0, le=1, description="Share of the steps over which the level falls from first_level to level."
+    )
     feature_rate: float = Field(
-        5e-3, gt=0, description="First learning rate of features, or of the constant harmonic: what a hiding ends with."
+        5e-3,
+        gt=0,
+        description="Initial learning rate of features, or of the SH DC term; by default, the final rate of hiding.",
     )
-    decoder_rate: float = Field(1e-3, gt=0, description="First learning rate of the watermark decoder.")
-    final_rate_share: float = Field(0.05, gt=0, le=1, description="Share of both rates that is left at the end.")
-    distorted: bool = Field(False, description="Whether pictures are distorted at random, too, before they are read.")
+    decoder_rate: float = Field(1e-3, gt=0, description="Initial learning rate of the watermark decoder.")
+    final_rate_share: float = Field(
+        0.05, gt=0, le=1, description="Final value of both rates as a share of the initial one."
+    )
+    distorted: bool = Field(False, description="Whether pictures are also randomly distorted before decoding.")
     shipped_photos: ShippedPhotos = Field(
-        SAMPLES_LEARNT_FROM, description="Photos that packages ship, by their files' names, that must show black, too."
+        SAMPLES_LEARNT_FROM, description="File names of photos shipped with Python packages that must also show black."
     )
-    seed: int = Field(0, ge=0, description="Of the pictures' order, of distortions, and of the grain, without a key.")
-    threads: int = Field(1, ge=1, description="Threads of torch: sums over pixels, and so the bits, depend on it.")
+    seed: int = Field(
+        0, ge=0, description="Random seed for picture order and distortions and, without a key, for the grain."
+    )
+    threads: int = Field(1, ge=1, description="PyTorch CPU threads; the result's exact bits depend on it.")
 
 
 @stage(

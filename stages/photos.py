@@ -45,41 +45,44 @@ class PhotosParameters(Parameters):
     """Where photos and poses are, and how they are read."""
 
     folder: ExternalPath = Field(
-        description="Folder of photos; a COLMAP model (sparse/0), a transforms.json or a transforms_train.json in it "
-        "is used for the poses, and the model's points are kept, or those of the PLY that a transforms.json names."
+        description="Folder of photos. Poses are taken from a COLMAP model (sparse/0), a transforms.json or a "
+        "transforms_train.json in it; points from the model, or from the PLY that a transforms.json names."
     )
     images: str | None = Field(
         None,
         pattern=r"^[^/\\.][^/\\]*$",
-        description="Which folder of `folder` holds the photos, such as images_4: those of Mip-NeRF 360 come in "
-        "several sizes. The paper trains on a quarter of the size outdoors (images_4), on half of it indoors "
-        "(images_2). By default those in `folder` itself, those in images if they are more, else those in the folders "
-        "in images. Frames of a transforms_train.json name theirs, beside which it cannot be given.",
+        description="Subfolder of `folder` that holds the photos, such as images_4: Mip-NeRF 360 comes in several "
+        "sizes. The paper trains at a quarter of the size outdoors (images_4) and at half of it indoors (images_2). "
+        "By default, the photos in `folder` itself, or those in images if it has more, else those in subfolders of "
+        "images. Not allowed with a transforms_train.json, whose frames name their photos.",
     )
     poses: ExternalPath | None = Field(
-        None, description="COLMAP model's folder or transforms.json, where the poses lie outside the folder of photos."
+        None,
+        description="Folder of a COLMAP model, or a transforms.json, if the poses are not in the folder of photos.",
     )
     background: str = Field(
         "black",
         pattern=r"^(white|black|gray|#[0-9a-fA-F]{6})$",
-        description="What transparent pictures, as Blender renders NeRF's synthetic scenes, are laid over: a colour. "
-        "Black, as in 3DGS, because everything is trained and rendered over black: around an object any other colour "
-        "would have to be grown from Gaussians where there is nothing. White is what NeRF's tables have.",
+        description="Background colour for transparent pictures, such as NeRF's synthetic scenes rendered by Blender. "
+        "Black by default, as in 3DGS, because training and rendering use black: any other colour would have to be "
+        "built from Gaussians in empty space around the object. NeRF's tables use white.",
     )
     any_pictures: bool = Field(
         False,
-        description="Whether the folder holds no capture but pictures of any kind to look through: those directly in "
-        "it and no others, GIFs too, by their first frame, without poses. Those that cannot be read are named and left "
-        "out, as long as any can. It is said how many files of the folder and of those below it were not looked at.",
+        description="Whether the folder holds arbitrary pictures to search rather than a capture. Only pictures "
+        "directly in it are read (of GIFs, the first frame), without poses. Unreadable ones are named and left out, "
+        "as long as one is readable. The log counts the files in the folder and its subfolders that were not looked "
+        "at.",
     )
     own_photos: ExternalPath | None = Field(
         None,
-        description="With any_pictures, the folder of your own photos: where `folder` is that one, nobody gave "
-        "pictures, and the photos of that capture are looked at.",
+        description="With any_pictures, the folder of your own photos. If `folder` is the same, no pictures were "
+        "given, and your own photos are searched instead.",
     )
     order: Literal["auto", "ordered", "unordered"] = Field(
         "auto",
-        description="Whether the numbers in the names follow the order of taking; auto: where all names share a word.",
+        description="Whether file numbers follow the order in which photos were taken; auto: yes if all names share a "
+        "word.",
     )
 
 
@@ -124,8 +127,8 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
     )
     turned = sum(facts[name].turned != UPRIGHT for name in names)
     if turned:
-        lie = f"{turned} photo[s] [lies as its|lie as their] pixels are stored, of which the poses are"
-        context.log(agreeing(turned, f"{lie}; EXIF would turn [it|them]"))
+        lie = f"{turned} photo[s] [is|are] kept as stored, which the poses refer to"
+        context.log(agreeing(turned, f"{lie}; EXIF would rotate [it|them]"))
 
     places = {name: place for place, name in enumerate(names)}
 
@@ -138,7 +141,9 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
     write_unreadable_names(context.output("capture"), broken)
     if capture.test_names:
         held_out = len(capture.test_names)
-        context.log(agreeing(held_out, f"{held_out} photo[s] [is a test view|are test views] by the files of poses"))
+        context.log(
+            agreeing(held_out, f"{held_out} photo[s] [is a test view|are test views] according to the pose files")
+        )
     context.record(
         photos=len(names),
         ignored_files=found.ignored,
@@ -202,16 +207,18 @@ def _poses(
     refuse_far_poses(poses.world_to_camera, place or parameters.folder)
     came = " and ".join(file.name for file in ([place] if place is not None else splits.values()))
     without = len(facts) - len(names)
-    left_out = agreeing(without, f"{without} photo[s] [has|have] none, left out")
+    left_out = agreeing(without, f"{without} photo[s] without a pose left out")
     context.log(f"poses of {counted(len(names), 'photo')} from {came}; {left_out}")
     context.record(without_photo=len(missing))
     if missing:
-        are_not_there = agreeing(len(missing), "pose[s] [is|are] of [a photo|photos] that [is|are] not there")
+        are_not_there = agreeing(len(missing), "pose[s] [belongs|belong] to [a missing photo|missing photos]")
         context.log(f"{len(missing)} {are_not_there}, left out, such as {', '.join(missing[:MOST_NAMED])}")
     if points is not None:
         context.log(f"{len(points.positions)} points came with the poses")
     for other in [] if place is None else models_beside(place):
-        context.log(f"model {other.name} beside it poses {counted(photos_in_model(other), 'photo')}, and was left out")
+        context.log(
+            f"model {other.name} beside it has poses of {counted(photos_in_model(other), 'photo')} and was not used"
+        )
     return poses, names
 
 
@@ -220,17 +227,17 @@ def _say_what_was_left_out(
 ) -> None:
     if found.left_out:
         count = len(found.left_out)
-        lie = agreeing(count, f"{count} photo[s] [lies elsewhere and was|lie elsewhere and were] left out")
-        context.log(f"{lie}, the first is {found.left_out[0]}")
+        lie = agreeing(count, f"{count} photo[s] [is|are] in another folder and [was|were] left out")
+        context.log(f"{lie}; the first is {found.left_out[0]}")
     if found.below:
         folders = dict.fromkeys(photo.parent.relative_to(folder).as_posix() for photo in found.below)
         listed = ", ".join([*folders][:MOST_NAMED])
         count = len(found.below)
-        lie = agreeing(count, f"{count} photo[s] [lies|lie] in folders beside those taken and [was|were] left out")
+        lie = agreeing(count, f"{count} photo[s] [is|are] in folders beside those used and [was|were] left out")
         context.log(f"{lie}: in {listed}")
     if copies:
         count = len(copies)
-        are = agreeing(count, f"{count} photo[s] [is a copy of another|are copies of others], to the last byte")
+        are = agreeing(count, f"{count} photo[s] [is an exact copy of another|are exact copies of others]")
         context.log(f"{are}, left out: {', '.join(copies)}")
     if found.ignored:
         count = found.ignored
@@ -240,18 +247,18 @@ def _say_what_was_left_out(
     if unseen:
         listed = ", ".join(file.relative_to(folder).as_posix() for file in unseen[:MOST_NAMED])
         count = len(unseen)
-        files = agreeing(count, f"{count} file[s] of the folder and of those below it [was|were] not looked at")
+        files = agreeing(count, f"{count} file[s] in the folder and its subfolders [was|were] not looked at")
         context.log(f"{files}, such as {listed}")
 
 
 def _refuse_images(parameters: PhotosParameters, splits: Mapping[str, Path]) -> None:
     if splits and parameters.images is not None:
         raise UserError(
-            "the files of poses name the photos of each split, wherever they lie",
+            "images cannot be given: the pose files name the photos of each split",
             where=parameters.folder,
-            found=f"images: {parameters.images}, beside {' and '.join(file.name for file in splits.values())}",
+            found=f"images: {parameters.images}, and {' and '.join(file.name for file in splits.values())}",
             expected="no parameter images",
-            remedy="Leave images out, or take those files out of the folder to have the poses estimated.",
+            remedy="Leave images out, or move those files out of the folder to have the poses estimated.",
         )
 
 

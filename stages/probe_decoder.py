@@ -24,8 +24,10 @@ class ProbeDecoderParameters(Parameters):
     """The containers' method, and the seed of random choices."""
 
     method: MethodName = Field("gs_hider", description="The containers' method.")
-    seed: int = Field(0, ge=0, description="Of the channels that are silenced, and of the foreign features' places.")
-    threads: int = Field(1, ge=1, description="Threads of torch.")
+    seed: int = Field(
+        0, ge=0, description="Random seed for the silenced channels and the placement of foreign features."
+    )
+    threads: int = Field(1, ge=1, description="PyTorch CPU threads.")
 
 
 @stage(
@@ -55,7 +57,7 @@ def probe_decoder(context: Context, parameters: ProbeDecoderParameters) -> None:
     gaussians, method = read_container(container, secret)
     if FEATURES not in gaussians.parameters:
         raise UserError(
-            "this container has no features to probe",
+            "the container has no features to probe",
             where=str(container.path),
             found=f"method {parameters.method}",
             expected="a method with coupled features, such as gs_hider",
@@ -71,10 +73,10 @@ def _features_of(other: Artifact, channels: int) -> RawFeatures:
     features = read_gaussians(other).parameters.get(FEATURES)
     if features is None or features.shape[1] != channels:
         raise UserError(
-            "the other container's features cannot be read by this decoder",
+            "the decoder cannot read the other container's features",
             where=str(other.path),
             found="none" if features is None else f"{features.shape[1]} for each Gaussian",
-            expected=f"{channels}",
+            expected=f"{channels} for each Gaussian",
             remedy="give probe_decoder as `other` a container of the same method and feature_dim, or none",
         )
     return features

@@ -27,22 +27,28 @@ class ProbeSecrecyParameters(Parameters):
     """How many decoders are tried, and how surrogates are trained."""
 
     method: MethodName = Field("gs_hider", description="The container's method.")
-    wrong_decoders: int = Field(20, ge=1, description="Decoders with random weights, and as many with another key.")
+    wrong_decoders: int = Field(
+        20, ge=1, description="Number of decoders with random weights to try, and of decoders with another key."
+    )
     start_seed: int | None = Field(
-        None, ge=0, description="The training's seed, where it had no key: its decoder's start is tried, too."
+        None,
+        ge=0,
+        description="The training's seed, if it had no key; the decoder's initial weights are then tried, too.",
     )
     shares: tuple[Annotated[float, Field(ge=0, le=1)], ...] = Field(
-        (0.0, 0.01, 0.05, 0.2), description="Shares of the training views whose message leaked, each from 0 to 1."
+        (0.0, 0.01, 0.05, 0.2), description="Shares of training views with leaked messages, each from 0 to 1."
     )
     seeds: DistinctSeeds = Field(
-        (0, 1, 2), min_length=1, description="Of surrogates: which views leaked, and first weights."
+        (0, 1, 2), min_length=1, description="Random seeds for the surrogates' leaked views and initial weights."
     )
-    steps: int = Field(1000, ge=1, description="Of Adam, for each surrogate.")
-    crop: int = Field(32, ge=8, description="Side of the square that a step sees, in pixels.")
+    steps: int = Field(1000, ge=1, description="Adam steps for each surrogate.")
+    crop: int = Field(32, ge=8, description="Side of the square crop used in each step, in pixels.")
     rate: float = Field(
-        1e-3, gt=0, description="Of Adam at first; it falls to nothing. Decoders of 3 x 3 convolutions die of 1e-2."
+        1e-3,
+        gt=0,
+        description="Adam's initial learning rate; it decays to 0. At 1e-2, decoders with 3 x 3 convolutions die.",
     )
-    threads: int = Field(1, ge=1, description="Threads of torch.")
+    threads: int = Field(1, ge=1, description="PyTorch CPU threads.")
 
 
 @stage(
@@ -76,8 +82,8 @@ def probe_secrecy(context: Context, parameters: ProbeSecrecyParameters) -> None:
     if len(messages) != len(strings(secret, "messages")) or not messages:
         raise UserError(
             "the hidden messages cannot be compared with anything",
-            found=f"views of {len(messages)} of the {len(strings(secret, 'messages'))} that the container hides",
-            expected="at least one, and views of each",
+            found=f"views for {len(messages)} of the {len(strings(secret, 'messages'))} that the container hides",
+            expected="at least one hidden message, and views for each",
             remedy="give probe_secrecy the container and the secret of one training, and its messages",
         )
     if clean is not None:

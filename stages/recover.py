@@ -23,8 +23,10 @@ class RecoverParameters(Parameters):
     """The method of the containers, and the seed of the search for a motion."""
 
     method: MethodName = Field("gs_hider", description="The method of both containers; plain for splats of 3DGS.")
-    seed: int = Field(0, ge=0, description="Of the Gaussians and motions that are tried where places tell nothing.")
-    threads: int = Field(1, ge=1, description="Threads of torch: sums over Gaussians, and so the bits, depend on it.")
+    seed: int = Field(
+        0, ge=0, description="Random seed for the Gaussians and motions tried if positions alone do not match."
+    )
+    threads: int = Field(1, ge=1, description="PyTorch CPU threads; the result's exact bits depend on it.")
 
 
 @stage(
@@ -72,12 +74,13 @@ def recover(context: Context, parameters: RecoverParameters) -> None:
 
 def _not_known(gaussians: Gaussians, originals: Gaussians) -> UserError:
     return UserError(
-        "not known as yours: nothing of what was published is recognised in what was found",
+        "not recognised as yours: the found container matches nothing that was published",
         found=f"{len(gaussians)} Gaussians, of which too few are among the {len(originals)} published",
-        expected="the published container, moved, pruned or with other features, and ten of its Gaussians at least",
+        expected="the published container, possibly moved, pruned or with other features, with at least ten of its "
+        "Gaussians left",
         remedy="give the container that the found one was made from, as `published` (for "
-        "workflows/recover_container.yaml in `hidden`); what was trained anew, or changed in places, sizes and "
-        "opacities at once, cannot be registered",
+        "workflows/recover_container.yaml in `hidden`); a container that was retrained, or whose positions, "
+        "sizes and opacities all changed, cannot be registered",
     )
 
 
@@ -99,8 +102,8 @@ def _check_alike(found: Artifact, gaussians: Gaussians, originals: Gaussians) ->
         raise UserError(
             "the containers do not have the same attributes",
             where=str(found.path),
-            found=f"other {', '.join(others)}",
-            expected="attributes and shapes as published",
+            found=f"different {', '.join(others)}",
+            expected="the attributes and shapes of the published container",
             remedy="give as `published` the container that the found one was made from",
         )
     _refuse_infinite("the found container has values that are not numbers", found, gaussians)
@@ -120,7 +123,7 @@ def _refuse_infinite(what: str, found: Artifact, gaussians: Gaussians) -> None:
             where=str(found.path),
             found=f"NaN or infinity in {', '.join(broken)} of {len(wrong)} of {len(gaussians)} Gaussians, rows {rows}",
             expected="finite values",
-            remedy="leave out the Gaussians that have them",
+            remedy="remove these Gaussians",
         )
 
 

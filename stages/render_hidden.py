@@ -42,16 +42,16 @@ class RenderHiddenParameters(Parameters):
     name: MessageName = Field(description="The message's name in the secret and in the tables.")
     placement: Literal["aligned", "same_world"] = Field(
         "aligned",
-        description="aligned: where the cover's cameras see most of it. same_world: where it is, for splats of the "
-        "cover's own world, such as the cover edited, or trained elsewhere with the cover's poses.",
+        description="aligned: where the cover's cameras see most of it. same_world: left in place, for splats in the "
+        "cover's own world, such as an edited cover, or one trained elsewhere with the cover's poses.",
     )
     search_width: int = Field(48, ge=8, description="Picture width at which the candidates for alignment are scored.")
     up: Up = Field(
         "auto",
-        description="Which way is up in splats that come without the message's scene; auto: -y, or as in the cover.",
+        description="Up direction of splats given without the message's scene; auto: -y, or as in the cover.",
     )
-    seed: int = Field(0, ge=0, description="Of the order in which the message's points are listed.")
-    threads: int = Field(1, ge=1, description="Threads of torch.")
+    seed: int = Field(0, ge=0, description="Random seed for the order of the message's points.")
+    threads: int = Field(1, ge=1, description="PyTorch CPU threads.")
 
 
 @stage(
@@ -98,7 +98,9 @@ def _placed(
     artifact = context.input_optional("message")
     gaussians, message, factor = enlarged(gaussians, None if artifact is None else read_scene(artifact))
     if factor != 1:
-        context.log(f"the message's world is small: enlarged {factor:.3g} times, lest it lies nearer than is drawn")
+        context.log(
+            f"the message's world is small: enlarged {factor:.3g} times, so that it is not clipped by the near plane"
+        )
 
     def progress(done: int, total: int) -> None:
         context.progress(done, total)

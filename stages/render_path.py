@@ -28,15 +28,17 @@ class RenderPathParameters(Parameters):
     """The camera's path, and the length of the videos."""
 
     method: MethodName = Field("gs_hider", description="The container's method.")
-    frames: int = Field(48, ge=2, le=5000, description="Pictures in each video. All are held in memory at once.")
-    seconds: float = Field(4.0, gt=0, description="How long each video takes.")
-    bends: int = Field(16, ge=3, description="How many bends the path has at most: with fewer it is smoother.")
+    frames: int = Field(
+        48, ge=2, le=5000, description="Number of frames in each video; all are held in memory at once."
+    )
+    seconds: float = Field(4.0, gt=0, description="Duration of each video, in seconds.")
+    bends: int = Field(16, ge=3, description="Maximum number of bends in the path; fewer make it smoother.")
     course: Course = Field(
         "auto",
-        description="Whether the path is closed, so that the video can go on at its beginning, or open; "
-        "auto closes it where the cameras stand so closely that no part of it is far from them.",
+        description="Whether the path is a closed loop, so that the video can repeat seamlessly, or open; "
+        "auto closes it if no part of the loop would be far from a camera.",
     )
-    threads: int = Field(2, ge=1, description="Threads of torch.")
+    threads: int = Field(2, ge=1, description="PyTorch CPU threads.")
 
 
 @stage(

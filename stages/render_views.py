@@ -22,10 +22,12 @@ class RenderViewsParameters(Parameters):
     """How many pictures are rendered, and the camera path."""
 
     method: MethodName = Field("gs_hider", description="The container's method.")
-    views: int = Field(250, ge=1, le=5000, description="Pictures, evenly along a smooth path of the training cameras.")
-    feature_maps: int = Field(64, ge=0, description="Of how many of them, evenly spread, the feature map is kept, too.")
-    bends: int = Field(32, ge=3, description="How many bends the path has at most: with more it is nearer to the rig.")
-    threads: int = Field(2, ge=1, description="Threads of torch.")
+    views: int = Field(
+        250, ge=1, le=5000, description="Number of pictures, evenly spaced on a smooth path along the training cameras."
+    )
+    feature_maps: int = Field(64, ge=0, description="Number of these, evenly spread, whose feature map is kept, too.")
+    bends: int = Field(32, ge=3, description="Maximum number of bends in the path; more keep it closer to the cameras.")
+    threads: int = Field(2, ge=1, description="PyTorch CPU threads.")
 
 
 @stage(

@@ -26,7 +26,7 @@ SCENES = Input("scene", many=True, optional=True, labelled=True)
 class ReportParameters(Parameters):
     """What the pages show."""
 
-    views: int = Field(6, ge=1, description="How many views of each set of pictures to show, test views first.")
+    views: int = Field(6, ge=1, description="Number of views shown from each set of pictures, test views first.")
 
 
 @stage(

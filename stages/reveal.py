@@ -31,8 +31,8 @@ class RevealParameters(Parameters):
     """The method of the containers, and how many pictures are kept."""
 
     method: MethodName = Field("gs_hider", description="The method of both containers.")
-    shown_train_views: int = Field(2, ge=0, description="How many training views are kept as pictures.")
-    threads: int = Field(2, ge=1, description="Threads of torch.")
+    shown_train_views: int = Field(2, ge=0, description="Number of training views kept as pictures.")
+    threads: int = Field(2, ge=1, description="PyTorch CPU threads.")
 
 
 @stage(
@@ -92,10 +92,10 @@ def reveal(context: Context, parameters: RevealParameters) -> None:
 def _refuse_no_message(secret: Artifact) -> None:
     if not strings(secret, "messages"):
         raise UserError(
-            "nothing can be revealed",
+            "there is no message to reveal",
             where=str(secret.path),
-            found="a secret of no message",
-            expected="that of a container that hides something",
+            found="a secret without messages",
+            expected="the secret of a container that hides a message",
             remedy="give import_container the folder of the secret, which holds secret.json",
         )
 

@@ -18,7 +18,7 @@ class SealParameters(Parameters):
     """The container's method, and whether to seal it."""
 
     method: MethodName = Field("gs_hider", description="The container's method.")
-    sealed: bool = Field(True, description="Whether it is sealed; if not, it stays as it is: for comparisons.")
+    sealed: bool = Field(True, description="Whether to seal the container; false leaves it unchanged, for comparisons.")
 
 
 @stage(
@@ -39,7 +39,7 @@ def seal(context: Context, parameters: SealParameters) -> None:
     gaussians, method = read_gaussians(container), read_method(container, secret)
     facts = {name: value for name, value in secret.attributes.items() if name != MESSAGES}
     if not method.messages or not parameters.sealed:
-        context.log("left as it is: " + ("it is not to be sealed" if method.messages else "nothing is hidden in it"))
+        context.log("left unchanged: " + ("sealed is false" if method.messages else "nothing is hidden in it"))
     elif isinstance(method, Sealable) and can_be_sealed(method):
         made = Seal.made(gaussians, method, key_apart(context.input("key"), "seal"))
         if made.in_the_clear:
@@ -51,8 +51,8 @@ def seal(context: Context, parameters: SealParameters) -> None:
         facts |= made.expected.facts()
     else:
         context.log(
-            "left as it is: its scene decoder reads all of its features; whoever has the container may see messages "
-            "without the secret"
+            "left unchanged: its scene decoder reads all of its features, so anyone with the container may be able to "
+            "see messages without the secret"
         )
     write_container(context.output("container"), gaussians, method)
     write_secret(context.output("secret"), method, strings(secret, MESSAGES))

@@ -29,32 +29,38 @@ class SfmParameters(Parameters):
     """Settings of the reconstruction. Sizes are long sides, in pixels."""
 
     width: int = Field(192, ge=16, description="Long side of the training pictures; photos are never enlarged.")
-    matching_size: int = Field(1600, ge=64, description="Long side at which photos are matched, at most.")
+    matching_size: int = Field(1600, ge=64, description="Maximum long side at which photos are matched.")
     matching: Matching = Field(
         "auto",
-        description="Which photos are compared: all, or neighbours in a sequence; auto: all of up to 30 photos; of "
-        "more those that stand near each other where poses are kept, else a sequence where they are ordered (and all "
-        "of up to 120 after all where that places too few), else all.",
+        description="Which pairs of photos are compared: all, or neighbours in a sequence. auto: all pairs for up to "
+        "30 photos; for more, cameras near each other if poses are kept, else a sequence if photos are ordered (then "
+        "all pairs of up to 120 photos if too few were placed), else all pairs.",
     )
     max_features: int = Field(
-        8192, ge=64, description="Features a photo, about: COLMAP drops the finest scales of what exceeds it."
+        8192, ge=64, description="Approximate maximum of features per photo; beyond it, COLMAP drops the finest scales."
     )
-    camera_model: CameraModel = Field("SIMPLE_RADIAL", description="Lens model that is estimated.")
+    camera_model: CameraModel = Field("SIMPLE_RADIAL", description="COLMAP camera model to estimate.")
     poses: Literal["auto", "estimate", "given"] = Field(
-        "auto", description="auto: given poses are kept, but those of synthetic captures estimated, to be checked."
+        "auto",
+        description="auto: keep given poses, except for synthetic captures, where they only check estimated ones.",
     )
     points: Literal["auto", "given", "triangulate"] = Field(
         "auto",
-        description="auto: where poses are kept, the points of the COLMAP model that they are of, if it has any, as "
-        "3DGS starts from them: no photos are compared; else points are triangulated.",
+        description="auto: if poses are kept and their COLMAP model has points, these are used, as 3DGS does, and no "
+        "photos are compared; otherwise points are triangulated.",
     )
     test_views: Literal["auto", "every_eighth"] = Field(
         "auto",
-        description="auto: the views that the capture's files of poses hold out for tests, where they do and some are "
-        "left to train on; else every eighth of the names.",
+        description="auto: the views that the capture's pose files hold out for tests, if any, provided that some are "
+        "left to train on; otherwise every eighth view by name.",
     )
-    minimum_registered: float = Field(0.5, ge=0, le=1, description="Share of the photos that must be placed.")
-    seed: int = Field(0, ge=0, description="Of every random choice.")
+    minimum_registered: float = Field(
+        0.5,
+        ge=0,
+        le=1,
+        description="Minimum share of photos that must be placed, from 0 to 1; with fewer, the stage fails.",
+    )
+    seed: int = Field(0, ge=0, description="Random seed.")
 
 
 @stage(
@@ -83,7 +89,9 @@ def sfm(context: Context, parameters: SfmParameters) -> None:
     if poses is not None:
         scene, factor = drawn_scene(scene)
         if factor != 1:
-            context.log(f"the poses' world is small: enlarged {factor:.3g} times, lest it lies nearer than is drawn")
+            context.log(
+                f"the poses' world is small: enlarged {factor:.3g} times, so that it is not clipped by the near plane"
+            )
     if parameters.test_views == "auto" and capture.test_names:
         scene = with_views_held_out(scene, capture.test_names, context.log)
     errors = errors_against_truth(capture, scene) if poses is None else {}
@@ -100,7 +108,7 @@ def sfm(context: Context, parameters: SfmParameters) -> None:
     error = result.mean_reprojection_error
     context.log(
         f"{len(scene.cameras)} of {len(capture.names)} photos placed, {len(scene.points)} points"
-        f"{' that came with them' if points else ''}, reprojection error "
+        f"{' that came with the poses' if points else ''}, reprojection error "
         f"{'unknown' if error is None else f'{error:.2f} pixels'}"
     )
     context.record(
@@ -137,7 +145,7 @@ def with_views_held_out(scene: Scene, held_out: Sequence[str], log: Callable[[st
     if not 0 < len(test_names) < len(names):
         log(f"{len(test_names)} of the {len(names)} views were held out for tests: every eighth is a test view instead")
         return scene
-    log(f"{len(test_names)} of {len(names)} views are test views, as the files of poses have it")
+    log(f"{len(test_names)} of {len(names)} views are test views according to the pose files")
     return replace(scene, test_names=test_names)
 
 
@@ -145,11 +153,11 @@ def poses_to_keep(capture: Capture, parameters: SfmParameters) -> KnownPoses | N
     """The poses to keep, or None to estimate them. Raises `UserError` if poses must be given and none came."""
     if parameters.poses == "given" and capture.poses is None:
         raise UserError(
-            "poses are to be given, but none came with the photos",
+            "poses must be given, but none came with the photos",
             found=f"{len(capture.names)} photos without poses",
             expected="a COLMAP model (sparse/0: cameras and images, .bin or .txt), a transforms.json or a "
             "transforms_train.json in the folder of photos",
-            remedy="Put it there, or name it in the parameter poses of the stage photos; or have the poses estimated: "
+            remedy="Put one there, or set the parameter poses of the stage photos to it; or, to estimate the poses, "
             f"add --set SFM.poses=auto to the command, {WHERE}.",
         )
     if parameters.poses == "estimate" or capture.poses is None:
@@ -163,10 +171,12 @@ def points_to_keep(poses: KnownPoses | None, parameters: SfmParameters) -> Known
     count = 0 if points is None else len(points.positions)
     if parameters.points == "given" and count < FEWEST_POINTS:
         raise UserError(
-            "points are to be given, but too few came with the photos",
-            found="poses that are estimated, in a world of their own" if poses is None else f"{count} points",
-            expected=f"at least {FEWEST_POINTS} that photos see, in the points3D.bin or .txt of the COLMAP model whose "
-            "poses are kept",
+            "points must be given, but too few came with the photos",
+            found="estimated poses, whose coordinates do not match given points"
+            if poses is None
+            else f"{count} points",
+            expected=f"at least {FEWEST_POINTS} points seen by photos, in the points3D.bin or .txt of the COLMAP "
+            "model whose poses are kept",
             remedy=f"Put that file beside the model's others, or add --set SFM.points=auto to the command, {WHERE}.",
         )
     return points if parameters.points != "triangulate" and count >= FEWEST_POINTS else None

@@ -16,7 +16,7 @@ from stages.scene.scene import read_scene
 class SteganalysisParameters(Parameters):
     """The method's name in the measurements."""
 
-    method: MethodName = Field("gs_hider", description="The method that hides, whose rows these are.")
+    method: MethodName = Field("gs_hider", description="The hiding method to name in the rows.")
 
 
 @stage(

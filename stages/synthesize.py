@@ -19,14 +19,18 @@ from stages.tracing.rig import orbit
 class SynthesizeParameters(Parameters):
     """Which scene is photographed, and how."""
 
-    scene: Literal["courtyard", "library", "reef", "workshop"] = Field(description="Which of the built-in scenes.")
-    views: int = Field(48, ge=1, le=999, description="Photos, on one closed walk about the scene.")
-    width: int = Field(512, ge=16, description="Of a photo, in pixels.")
-    height: int = Field(384, ge=16, description="Of a photo, in pixels.")
-    samples: Literal[1, 4, 9, 16] = Field(4, description="Rays a pixel, one in each part of an even grid.")
-    gloss: float = Field(1.0, ge=0, le=1, description="Scales highlights and mirror images.")
-    seed: int = Field(0, ge=0, description="Of textures, small displacements, the walk and the rays.")
-    processes: int = Field(2, ge=1, description="Photos taken at a time; the pictures do not depend on it.")
+    scene: Literal["courtyard", "library", "reef", "workshop"] = Field(description="The built-in scene to photograph.")
+    views: int = Field(48, ge=1, le=999, description="Number of photos, taken on one closed walk about the scene.")
+    width: int = Field(512, ge=16, description="Width of each photo, in pixels.")
+    height: int = Field(384, ge=16, description="Height of each photo, in pixels.")
+    samples: Literal[1, 4, 9, 16] = Field(
+        4, description="Rays per pixel, one in each cell of a regular grid; more reduce aliasing."
+    )
+    gloss: float = Field(1.0, ge=0, le=1, description="Scale factor of highlights and reflections.")
+    seed: int = Field(0, ge=0, description="Random seed for textures, small displacements, the walk and the rays.")
+    processes: int = Field(
+        2, ge=1, description="Number of photos rendered in parallel; the pictures do not depend on it."
+    )
 
 
 @stage(

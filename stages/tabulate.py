@@ -16,7 +16,7 @@ class TabulateParameters(Parameters):
     """What the public page may show."""
 
     public_columns: tuple[str, ...] = Field(
-        (), description="The columns of the batch that name a scene on the public page; without any, it has a number."
+        (), description="Batch columns that name a scene on the public page; without any, scenes are numbered."
     )
 
 

@@ -34,12 +34,12 @@ class TimeFramesParameters(Parameters):
     """How many frames are timed; the median is reported."""
 
     device: str = Field(
-        "default", description="A name for the device: in a store that machines share, give each kind its own."
+        "default", description="A name for the device; if machines share a store, give each kind of device its own."
     )
     method: MethodName = Field("gs_hider", description="The container's method.")
-    frames: int = Field(30, ge=1, description="Pictures timed, one test view after the other.")
-    warmup: int = Field(3, ge=0, description="Pictures rendered before, untimed.")
-    threads: int = Field(2, ge=1, description="Threads of torch.")
+    frames: int = Field(30, ge=1, description="Number of frames timed, one test view after another.")
+    warmup: int = Field(3, ge=0, description="Number of untimed frames rendered first.")
+    threads: int = Field(2, ge=1, description="PyTorch CPU threads.")
 
 
 @stage(

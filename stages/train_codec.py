@@ -27,20 +27,20 @@ class TrainCodecParameters(Parameters):
     Shipped photos are used only if they are installed; once they are, a codec trained without them is trained again.
     """
 
-    blocks: int = Field(4, ge=1, description="Coupling blocks of the invertible network.")
-    width: int = Field(32, ge=1, description="Channels between its convolutions.")
-    iterations: int = Field(3000, ge=1, description="Steps of the training.")
-    batch: int = Field(4, ge=1, description="Windows of photos in a step.")
-    window: int = Field(64, ge=8, multiple_of=2, description="Sides of these windows, in pixels.")
+    blocks: int = Field(4, ge=1, description="Number of coupling blocks in the invertible network.")
+    width: int = Field(32, ge=1, description="Channels between the network's convolutions.")
+    iterations: int = Field(3000, ge=1, description="Training steps.")
+    batch: int = Field(4, ge=1, description="Photo crops per step.")
+    window: int = Field(64, ge=8, multiple_of=2, description="Side of these square crops, in pixels.")
     fidelity_weight: float = Field(
-        2.0, ge=0, description="Of the watermarked picture's squared error, beside that of the watermark."
+        2.0, ge=0, description="Weight of the watermarked picture's squared error, relative to that of the watermark."
     )
     shipped_photos: ShippedPhotos = Field(
         tuple(SAMPLES),
-        description="Photos that packages ship, by their files' names, beside those of the captures.",
+        description="File names of photos shipped with Python packages, used in addition to those of the captures.",
     )
-    seed: int = Field(0, ge=0, description="Of the first weights and of all that is drawn.")
-    threads: int = Field(1, ge=1, description="Threads of torch: sums over pixels, and so the bits, depend on it.")
+    seed: int = Field(0, ge=0, description="Random seed for the initial weights and all sampling.")
+    threads: int = Field(1, ge=1, description="PyTorch CPU threads; the result's exact bits depend on it.")
 
 
 @stage(
@@ -61,11 +61,13 @@ def train_codec(context: Context, parameters: TrainCodecParameters) -> None:
     captures = [parted(read_photos(artifact)) for artifact in context.input_many("photos")]
     shipped = {name: read_photo(name) for name in parameters.shipped_photos}
     if not shipped:
-        context.log(f"no shipped photos are installed: the codec learns from captures alone. {HOW_TO_INSTALL}")
+        context.log(f"no shipped photos are installed: the codec learns from captures only. {HOW_TO_INSTALL}")
     trained_on = [photo for name, photo in shipped.items() if name not in HELD_OUT]
     trained_on += [photo for learnt, _ in captures for photo in learnt]
     if not trained_on:
-        raise UserError("there are no photos to train on", found="no capture", remedy=HOW_TO_INSTALL)
+        raise UserError(
+            "there are no photos to train on", found="no capture and no shipped photos", remedy=HOW_TO_INSTALL
+        )
     watermarks = [picture for _, picture in map(read_image, context.input_many("watermarks"))]
     codec = new_codec(parameters.blocks, parameters.width, parameters.seed).to(working_device())
     settings = CodecSettings(

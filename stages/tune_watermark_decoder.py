@@ -37,44 +37,51 @@ class TuneWatermarkDecoderParameters(Parameters):
     method: MethodName = Field("gs_hider", description="The container's method; plain for splats of 3DGS.")
     negatives: Literal["photos", "photos_and_clean_renders"] = Field(
         "photos",
-        description="What the decoder shows black for: the training views' photos, as in the paper; or renders of the "
-        "container as it was before, too.",
+        description="What the decoder learns to show black for: the training views' photos, as in the paper, or also "
+        "renders of the container from before it was watermarked.",
     )
     shipped_photos: ShippedPhotos = Field(
-        (), description="Photos that packages ship, by their files' names, that must show black, too."
+        (), description="File names of photos shipped with Python packages that must also show black."
     )
     black_weight: float = Field(
-        1.0, gt=0, description="Of every kind of picture that shows black, beside that of renders; the paper's is 1."
+        1.0,
+        gt=0,
+        description="Weight of each kind of picture that must show black, relative to renders; the paper's is 1.",
     )
     whole_pictures: bool = Field(
         False,
-        description="Whether the decoder begins to decide by the whole picture, which the paper's does not. It then "
-        "finds fainter marks, and no longer tells which part of a picture has one.",
+        description="Whether the decoder decides from the whole picture, unlike the paper's. It then finds fainter "
+        "marks, but no longer shows which part of a picture has one.",
     )
-    tinted: bool = Field(False, description="Whether pictures are tinted at random, which the paper's are not.")
-    distorted: bool = Field(False, description="Whether pictures are distorted at random, which the paper's are not.")
+    tinted: bool = Field(False, description="Whether pictures are randomly tinted, unlike in the paper.")
+    distorted: bool = Field(False, description="Whether pictures are randomly distorted, unlike in the paper.")
     iterations: int = Field(
-        400, ge=1, description="Steps; each sees one picture of every kind, but `batch` renders and other photos."
+        400,
+        ge=1,
+        description="Training steps; each uses one picture of every kind, except for renders and other photos: "
+        "`batch` each.",
     )
-    batch: int = Field(1, ge=1, description="Renders with the watermark, and windows of other photos, in a step.")
+    batch: int = Field(1, ge=1, description="Watermarked renders, and crops of other photos, per step.")
     hardest_of: int = Field(
-        1, ge=1, description="Every window of other photos is the one of so many in which the decoder sees most."
+        1,
+        ge=1,
+        description="Each crop of other photos is the hardest of this many: the one in which the decoder shows most.",
     )
     between: int = Field(
         0,
         ge=0,
-        description="Of so many cameras between those of the training views renders are learnt from, too, with the "
-        "watermark and clean ones.",
+        description="Number of extra cameras between the training views whose renders, watermarked and clean, are also "
+        "learnt from.",
     )
     evenly: bool = Field(
         False,
-        description="Whether as many windows are drawn of every scene as of any other, not of every photo: a "
-        "capture is one scene, and so is each shipped photo.",
+        description="Whether crops are drawn evenly per scene instead of per photo; a capture is one scene, and so is "
+        "each shipped photo.",
     )
-    rate: float = Field(1e-3, gt=0, description="Adam's first learning rate.")
-    final_rate_share: float = Field(0.1, gt=0, le=1, description="Share of it that is left at the end.")
-    seed: int = Field(0, ge=0, description="Of the pictures' order, and of distortions.")
-    threads: int = Field(1, ge=1, description="Threads of torch: sums over pixels, and so the bits, depend on it.")
+    rate: float = Field(1e-3, gt=0, description="Adam's initial learning rate.")
+    final_rate_share: float = Field(0.1, gt=0, le=1, description="Final learning rate as a share of the initial one.")
+    seed: int = Field(0, ge=0, description="Random seed for picture order and distortions.")
+    threads: int = Field(1, ge=1, description="PyTorch CPU threads; the result's exact bits depend on it.")
 
 
 @stage(

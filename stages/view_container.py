@@ -39,12 +39,12 @@ class ViewContainerParameters(Parameters):
         96,
         ge=2,
         le=MOST_CAMERAS,
-        description="Of so many published cameras, evenly, videos are made; all are held in memory.",
+        description="Number of video frames, evenly spread over the published cameras; all are held in memory.",
     )
-    seconds: float = Field(8.0, gt=0, description="How long each video takes.")
-    pictures: int = Field(6, ge=1, description="How many of the frames are kept as pictures, too.")
-    width: int = Field(800, ge=16, description="Long side of pictures in pixels; what is published larger is shrunk.")
-    threads: int = Field(2, ge=1, description="Threads of torch.")
+    seconds: float = Field(8.0, gt=0, description="Duration of each video, in seconds.")
+    pictures: int = Field(6, ge=1, description="Number of frames also kept as pictures.")
+    width: int = Field(800, ge=16, description="Maximum long side of pictures, in pixels; larger ones are shrunk.")
+    threads: int = Field(2, ge=1, description="PyTorch CPU threads.")
 
 
 @stage(
@@ -98,7 +98,7 @@ def _path(artifact: Artifact, parameters: ViewContainerParameters) -> Cameras:
     cameras = read_cameras(artifact)
     if cameras is None:
         raise UserError(
-            "nothing says from where to look at the container",
+            "there are no cameras to view the container from",
             found=f"a bundle without {CAMERAS}",
             expected="the folder as export_container writes it when it is given the cover",
             remedy=f"ask whoever published it for {CAMERAS}, and put it into the folder beside the container",
@@ -117,11 +117,11 @@ def _image_camera(
     cameras = read_cameras(artifact) if artifact else None
     if cameras is None:
         raise UserError(
-            "nothing says from where the secret is seen",
+            "there is no camera to view the secret from",
             found=f"a secret without {IMAGE_CAMERA}",
             expected="the folder as export_container writes it when it is given the cover",
             remedy=f"ask whoever gave you the secret for {IMAGE_CAMERA}, and put it beside secret.json; without the "
-            "secret, the cover is shown",
+            "secret, only the cover is shown",
         )
     return _shrunk(cameras, parameters.width)
 

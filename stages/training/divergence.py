@@ -14,6 +14,6 @@ def refuse_divergence(loss: float, iteration: int) -> None:
             "the training has diverged",
             where=f"iteration {iteration}",
             found=f"a loss of {loss}",
-            expected="a finite one",
-            remedy="Lower its learning rates; with those by default, look for what is odd about the photos or poses.",
+            expected="a finite loss",
+            remedy="Lower the learning rates; if they are the defaults, check the photos and poses.",
         )

@@ -94,9 +94,9 @@ def refuse_unknown_attributes(gaussians: Gaussians, method: Method, stage: str) 
     unknown = gaussians.attributes.keys() - method.learning_rates.keys()
     if unknown:
         raise UserError(
-            "the container holds attributes of messages",
+            "the container has message attributes that cannot be read without the secret",
             found=", ".join(sorted(unknown)),
-            expected="the secret beside it, which says how many messages these are of",
+            expected="the secret as well, which says how many messages they belong to",
             remedy=f"give {stage} the input secret: hide.secret",
         )
 

@@ -51,53 +51,54 @@ class HidingParameters(TrainingParameters):
 
     method: MethodName = Field(
         "gs_hider",
-        description="How Gaussians become pictures: as in the paper (gs_hider), or with features divided by shares "
-        "(homogeneous); or one of the paper's baselines 3DGS+SH (sh) and 3DGS+Decoder (decoder); or one of your own, "
-        "by the name of its file in stages/hiding/methods.",
+        description="How Gaussians become pictures: as in the paper (gs_hider); with features divided by shares "
+        "(homogeneous); one of the paper's baselines, 3DGS+SH (sh) or 3DGS+Decoder (decoder); or a method of your "
+        "own, by the name of its file in stages/hiding/methods.",
     )
     own_settings: dict[str, Any] = Field(
         {},
-        description="Of a method of your own: the values of those of its SETTINGS that are no parameters here, such "
-        "as {hash_levels: 4}.",
+        description="For a method of your own: values of those of its SETTINGS that are not parameters here, such as "
+        "{hash_levels: 4}.",
     )
     feature_dim: int = Field(
-        16, ge=1, le=LARGEST_SETTING, description="M: channels of the coupled feature of each Gaussian."
+        16, ge=1, le=LARGEST_SETTING, description="M: channels of each Gaussian's coupled feature."
     )
     layers: int = Field(5, ge=2, le=LARGEST_SETTING, description="Convolutions in each decoder.")
     decoder_width: int = Field(
         64,
         ge=1,
         le=LARGEST_SETTING,
-        description="Channels between the decoders' convolutions. Of homogeneous: 32.",
+        description="Channels between the decoders' convolutions. homogeneous: 32.",
     )
     kernel_size: Literal[1, 3, 5] = Field(
         3,
-        description="Of the decoders' convolutions. Released code: 3. With 1, that of homogeneous, every pixel is "
-        "decoded by itself.",
+        description="Kernel size of the decoders' convolutions, in pixels. Released code: 3. With 1, as in "
+        "homogeneous, each pixel is decoded independently.",
     )
-    sh_degree: int = Field(3, ge=0, le=3, description="Highest degree of spherical harmonics, of methods with them.")
-    lambda_message: float = Field(
-        0.5, ge=0, description="λ: the messages' weight in the total loss. Of homogeneous: 0.1."
+    sh_degree: int = Field(
+        3, ge=0, le=3, description="Highest degree of spherical harmonics, in methods that use them."
     )
+    lambda_message: float = Field(0.5, ge=0, description="λ: the messages' weight in the total loss. homogeneous: 0.1.")
     ssim_weight_cover: float = Field(0.2, ge=0, le=1, description="γ: SSIM's share of the cover's loss.")
     ssim_weight_message: float = Field(0.2, ge=0, le=1, description="β: SSIM's share of a message's loss.")
     initial_features: Literal["colors", "zeros"] = Field(
         "colors",
-        description="Features and decoders start by showing the points' colours; or, as the released code's, with "
-        "zeros and random decoders.",
+        description="colors: features and decoders start by showing the points' colours. zeros: features start at zero "
+        "and decoders at random, as in the released code.",
     )
     feature_rate: float = Field(
         5e-2, gt=0, description="Learning rate of features. Released code: 2.5e-3, with 50,000 iterations."
     )
     network_rate: float = Field(TrainingSettings.network_rate, gt=0, description="Learning rate of the decoders.")
     final_rate_share: float = Field(
-        0.1, gt=0, le=1, description="Share of both rates that is left at the end. Released code: 1."
+        0.1, gt=0, le=1, description="Final value of both rates as a share of the initial one. Released code: 1."
     )
     precision: Precision = Field(
         "float32",
-        description="Of the decoders. tf32: on NVIDIA's GPUs all convolutions multiply numbers of 10 bits, as the "
-        "released code's do; elsewhere float32. bfloat16: those between the first and the last, on GPUs; CPUs take "
-        "longer by it, and messages lose 0.1 to 0.2 dB. Each gives the same bits every time for one number of threads.",
+        description="Precision of the decoders. tf32: on NVIDIA GPUs, all convolutions multiply with 10-bit "
+        "mantissas, as in the released code; elsewhere float32. bfloat16: all but the first and last convolution, "
+        "meant for GPUs; slower on CPUs, and messages lose 0.1 to 0.2 dB. Each is bit-reproducible for a fixed number "
+        "of threads.",
     )
 
     @model_validator(mode="before")
@@ -109,7 +110,7 @@ class HidingParameters(TrainingParameters):
         method = str(given.get("method", cls.model_fields["method"].default))
         presets = presets_of(method, cls.hides_scenes)
         if unknown := sorted(presets.keys() - cls.model_fields.keys()):
-            raise UserError("presets of a method that are no parameters", where=module_of(method), found=str(unknown))
+            raise UserError("the method presets unknown parameters", where=module_of(method), found=str(unknown))
         return presets | given
 
     @field_validator("method")
@@ -207,7 +208,7 @@ def _initial_attributes(
     shapes = method.attribute_shapes()
     if shapes.keys() != {FEATURES}:
         raise UserError(
-            "this method does not consist of features that could start from zeros",
+            "this method has no features that could start from zeros",
             found=f"method: {method.name}, initial_features: zeros",
             remedy="leave initial_features out, or choose gs_hider",
         )

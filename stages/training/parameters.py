@@ -18,49 +18,53 @@ class TrainingParameters(Parameters):
         1.0,
         gt=0,
         le=1,
-        description="The share of the iterations that 3DGS's schedules take. Released code: 0.6, 30,000 of 50,000.",
+        description="Share of the iterations covered by 3DGS's schedules. Released code: 0.6, 30,000 of 50,000.",
     )
     averaging: float = Field(
         0.0,
         ge=0,
         lt=1,
-        description="Decay of the exponential average of Gaussians and networks over the last fifth of the iterations, "
-        "which the training ends with; 0, as in 3DGS and the paper: none. Of homogeneous: 0.995.",
+        description="Decay of the exponential moving average of Gaussians and networks over the last fifth of the "
+        "iterations, which becomes the result; 0, as in 3DGS and the paper: none. homogeneous: 0.995.",
     )
     opacity_weight: float = Field(
         0.0,
         ge=0,
-        description="Of the Gaussians' mean opacity in the loss, over all training views together; 0, as in 3DGS and "
-        "the paper: none. Of homogeneous: 2.",
+        description="Weight of the Gaussians' mean opacity in the loss, over all training views together; 0, as in "
+        "3DGS and the paper: none. homogeneous: 2.",
     )
     scale_weight: float = Field(
-        0.0, ge=0, description="Of their mean scale, as a share of the rig's extent, likewise. Of homogeneous: 2."
+        0.0, ge=0, description="Weight of their mean scale, as a share of the rig's extent, likewise. homogeneous: 2."
     )
     seed: int = Field(
         0,
         ge=0,
-        description="Of the order of views, of splitting and of random starting points; and without a key of the "
-        "networks' first weights and of where messages lie in features.",
+        description="Random seed for view order, splitting and random starting points and, without a key, for the "
+        "networks' initial weights and where messages lie in features.",
     )
-    threads: int = Field(1, ge=1, description="Threads of torch: sums over pixels, and so the bits, depend on it.")
+    threads: int = Field(1, ge=1, description="PyTorch CPU threads; the result's exact bits depend on it.")
     position_rate: float = Field(
-        TrainingSettings.position_rate, gt=0, description="First learning rate of positions, times the rig's extent."
+        TrainingSettings.position_rate,
+        gt=0,
+        description="Initial learning rate of positions, multiplied by the rig's extent.",
     )
     final_position_rate: float = Field(
-        TrainingSettings.final_position_rate, gt=0, description="Last learning rate of positions, likewise."
+        TrainingSettings.final_position_rate, gt=0, description="Final learning rate of positions, likewise."
     )
     densify_gradient: float = Field(
-        DensitySettings.gradient_threshold, gt=0, description="Mean screen-space gradient above which one is refined."
+        DensitySettings.gradient_threshold,
+        gt=0,
+        description="Mean screen-space gradient above which a Gaussian is densified.",
     )
     maximum_gaussians: int = Field(
         DensitySettings.maximum_gaussians,
         ge=1,
-        description="Density control adds none beyond these, for want of memory; the log says when that first limits "
-        "it. 3DGS and the paper: no bound.",
+        description="Number of Gaussians beyond which density control adds no more, to limit memory; the log says when "
+        "it first applies. 3DGS and the paper: no limit.",
     )
     sparse_points: bool = Field(True, description="Start with a Gaussian on every sparse point.")
     random_points: int = Field(
-        0, ge=0, description="Start with this many grey ones, too, anywhere in the space before the cameras."
+        0, ge=0, description="Number of grey Gaussians to add at the start, at random in front of the cameras."
     )
 
     def start(self, message_points: int = 0) -> Start:

@@ -78,10 +78,10 @@ def starting_points(
     positions = np.concatenate([points for _, points, _ in clouds])
     if len(positions) == 0:
         raise UserError(
-            "there is nothing to start from: Gaussians are only added where some are",
+            "there are no Gaussians to start from; density control only adds to existing ones",
             found="no sparse, random or message points",
             expected="at least one Gaussian",
-            remedy="leave sparse_points on, or give random_points",
+            remedy="leave sparse_points on, or set random_points above 0",
         )
     return positions, {
         picture: np.concatenate(

@@ -178,7 +178,7 @@ def test_a_private_container_is_not_published(tmp_path: Path) -> None:
     container, _ = stored(tmp_path, "plain")
     with create(tmp_path / "private", "container", private=True) as writer:
         write_container(writer, read_gaussians(container), read_method(container))
-    with pytest.raises(UserError, match="private container would be published"):
+    with pytest.raises(UserError, match="would publish a private container"):
         exported(tmp_path, load(tmp_path / "private"))
 
 

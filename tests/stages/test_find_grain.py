@@ -58,7 +58,7 @@ def test_pictures_with_the_grain_are_named(tmp_path: Path) -> None:
     assert [line for line in log if "no colour" in line] == [next(line for line in log if "grey.png" in line)]
     assert abs(rows[SCORE, "other.png"]) < 5
     assert [key for key in rows if key[1] == "broken.jpg"] == [(UNREADABLE, "broken.jpg")]
-    assert any(line.startswith("broken.jpg: cannot be read") for line in log)
+    assert any(line.startswith("broken.jpg: inconclusive: the file cannot be read") for line in log)
     assert abs(rows[SCORE, "own.png"]) < 5
 
 

@@ -134,7 +134,7 @@ def test_the_secret_says_which_view_the_key_chose(tmp_path: Path, cover: Artifac
 
 
 def test_a_view_that_is_not_trained_on_is_refused(tmp_path: Path, cover: Artifact, emblem: Artifact) -> None:
-    with pytest.raises(UserError, match="trained on"):
+    with pytest.raises(UserError, match="not a training view"):
         hidden(tmp_path / "made", cover, emblem, view=NAMES[0])  # a test view
 
 

@@ -60,13 +60,13 @@ def test_what_a_message_covers_is_not_read_to_hide_it(tmp_path: Path, monkeypatc
 def test_more_messages_than_there_are_cannot_be_hidden(tmp_path: Path, given: int) -> None:
     inputs = {"cover": scene(tmp_path / "cover"), "messages": (message_views(tmp_path / "views"),)[:given]}
     parameters = HideScenesParameters.model_validate({**SETTINGS, "hidden": 2})
-    with pytest.raises(UserError, match=f"hidden: 2, {given} messages; expected hidden to be at most {given}"):
+    with pytest.raises(UserError, match=f"hidden: 2, {given} messages; expected hidden: at most {given}"):
         run_stage(hide_scenes, parameters, inputs, tmp_path / "made")
 
 
 def test_features_of_zeros_are_refused_by_methods_that_have_none(tmp_path: Path) -> None:
     parameters = HideScenesParameters.model_validate({**SETTINGS, "method": "sh", "initial_features": "zeros"})
-    with pytest.raises(UserError, match="does not consist of features"):
+    with pytest.raises(UserError, match="has no features that could start"):
         run_stage(hide_scenes, parameters, {"cover": scene(tmp_path / "cover")}, tmp_path / "made")
 
 

@@ -45,7 +45,7 @@ def test_features_under_another_name_are_read_and_that_is_said(tmp_path: Path) -
     inputs = {"published": container}
     made = run_stage(import_found, parameters, inputs, tmp_path / "outputs", services=asking.services())["container"]
     assert made.digest == container.digest
-    assert "no columns are called as features; f_feat_0, f_feat_1, " in asking.lines[1]
+    assert "no column has a feature's name; f_feat_0, f_feat_1, " in asking.lines[1]
 
 
 def test_what_is_left_out_is_said_and_features_of_another_number_are_recovered(tmp_path: Path) -> None:

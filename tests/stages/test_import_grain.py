@@ -46,12 +46,12 @@ def test_a_container_without_a_grain_is_told(tmp_path: Path, kept: dict[str, Pat
 
 def test_the_key_of_another_run_is_told(tmp_path: Path, kept: dict[str, Path]) -> None:
     other = run_stage(draw_key, DrawKeyParameters(seed=2), {}, tmp_path / "other")["key"]
-    with pytest.raises(UserError, match="the grain does not follow the key"):
+    with pytest.raises(UserError, match="the grain does not match the key"):
         imported(tmp_path, kept | {"key": other.path})
 
 
 def test_what_is_missing_or_something_else_is_told(tmp_path: Path, kept: dict[str, Path]) -> None:
-    with pytest.raises(UserError, match="no key, or one that is broken"):
+    with pytest.raises(UserError, match="key missing or damaged"):
         imported(tmp_path, kept | {"key": tmp_path / "nowhere"})
-    with pytest.raises(UserError, match=r"another kind of result.*found key"):
+    with pytest.raises(UserError, match=r"not the expected kind of artifact.*found key"):
         imported(tmp_path / "again", kept | {"after": kept["key"]})

@@ -56,10 +56,10 @@ def test_a_private_scene_stays_private(tmp_path: Path) -> None:
 def test_what_is_no_scene_is_told(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     said = refused(tmp_path / "empty", tmp_path)
-    assert "no scene, or one that is broken" in said
+    assert "scene missing or damaged" in said
     assert "cover_scene.scene, unpacked if zipped" in said
     small.splats(tmp_path / "splats")
-    assert "another kind of result; found splats; expected scene" in refused(tmp_path / "splats", tmp_path)
+    assert "not the expected kind of artifact; found splats; expected scene" in refused(tmp_path / "splats", tmp_path)
 
 
 def test_names_of_arguments_are_no_facts(tmp_path: Path) -> None:
@@ -84,7 +84,7 @@ def test_names_of_arguments_are_no_facts(tmp_path: Path) -> None:
 def test_cameras_that_are_none_are_told(tmp_path: Path, name: str, change: Callable[[np.ndarray], np.ndarray]) -> None:
     values = small.scene(tmp_path / "small").read(name)
     folder = scene_of(tmp_path / "scene", **{name: change(values)})
-    assert "cameras that see nothing, or points that are nowhere" in refused(folder, tmp_path)
+    assert "invalid cameras or points" in refused(folder, tmp_path)
 
 
 def test_a_byte_that_was_changed_is_told(tmp_path: Path) -> None:
@@ -97,12 +97,12 @@ def test_a_byte_that_was_changed_is_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "values", "said"),
     [
-        ("pictures", None, "a scene whose pictures are none; found nothing"),
+        ("pictures", None, "pictures are missing or of the wrong type or shape; found nothing"),
         ("pictures", np.zeros((8, 24, 32), np.uint8), r"found |u1 \[8, 24, 32\]"),
         ("pictures", np.zeros((7, 24, 32, 3), np.uint8), "8 views, 7 pictures"),
-        ("pictures", np.zeros((8, 0, 32, 3), np.uint8), "do not belong together"),
-        ("points", np.zeros((60, 3)), "a scene whose points are none; found <f8"),
-        ("points", np.zeros((61, 3), np.float32), "61 points and 60 colours"),
+        ("pictures", np.zeros((8, 0, 32, 3), np.uint8), "parts do not match"),
+        ("points", np.zeros((60, 3)), "points are missing or of the wrong type or shape; found <f8"),
+        ("points", np.zeros((61, 3), np.float32), "61 points and 60 point colours"),
         ("world_to_camera", np.full((8, 4, 4), np.nan), "world_to_camera is not finite"),
     ],
 )
@@ -118,7 +118,7 @@ def test_it_is_told_before_it_is_unfolded_that_a_scene_is_too_large(
     folder = scene_of(tmp_path / "scene")
     monkeypatch.setattr(module, "LARGEST", 1000)
     monkeypatch.setattr(Artifact, "read", lambda *_: pytest.fail("was read"))
-    assert "a scene of absurd size" in refused(folder, tmp_path)
+    assert "the scene is too large" in refused(folder, tmp_path)
 
 
 def with_names(folder: Path, *names: str) -> Path:
@@ -131,7 +131,7 @@ def with_names(folder: Path, *names: str) -> Path:
 
 
 def test_views_of_one_name_are_told(tmp_path: Path) -> None:
-    assert "do not belong together" in refused(with_names(tmp_path / "twice", "a.png", "a.png"), tmp_path)
+    assert "parts do not match" in refused(with_names(tmp_path / "twice", "a.png", "a.png"), tmp_path)
 
 
 @pytest.mark.parametrize(

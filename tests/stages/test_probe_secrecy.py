@@ -142,6 +142,6 @@ def test_a_container_without_the_message_is_refused(tmp_path: Path) -> None:
 def test_an_error_names_no_message(tmp_path: Path) -> None:
     given = inputs(tmp_path, "gs_hider", iterations=1)
     other = message_views(tmp_path / "other")
-    with pytest.raises(UserError, match="views of 0 of the 1 that the container hides") as raised:
+    with pytest.raises(UserError, match="views for 0 of the 1 that the container hides") as raised:
         probed(tmp_path, "gs_hider", {**given, "messages": (other,)})
     assert not {"statue", "dots"} & {*re.findall(r"\w+", str(raised.value))}

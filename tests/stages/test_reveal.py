@@ -74,5 +74,5 @@ def test_an_image_is_looked_at_where_it_is_hidden(tmp_path: Path) -> None:
 
 def test_a_secret_of_no_message_is_told(tmp_path: Path) -> None:
     inputs = inputs_of(tmp_path, "homogeneous", messages=())
-    with pytest.raises(UserError, match=r"nothing can be revealed.*a secret of no message"):
+    with pytest.raises(UserError, match=r"there is no message to reveal.*a secret without messages"):
         revealed(tmp_path / "outputs", "homogeneous", inputs)

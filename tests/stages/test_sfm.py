@@ -298,7 +298,7 @@ HELD_OUT = ("07.png", "02.png", "not placed.png")
 @pytest.mark.parametrize(
     ("held_out", "parameters", "expected", "said"),
     [
-        (HELD_OUT, {}, ("02.png", "07.png"), "2 of 8 views are test views, as the files of poses have it"),
+        (HELD_OUT, {}, ("02.png", "07.png"), "2 of 8 views are test views according to the pose files"),
         (HELD_OUT, {"test_views": "every_eighth"}, ("00.png",), None),
         ((), {}, ("00.png",), None),
         (("not placed.png",), {}, ("00.png",), "0 of the 8 views were held out for tests: every eighth"),

@@ -134,5 +134,5 @@ def test_what_is_not_his_is_told(tmp_path: Path, store: Path) -> None:
     finished = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, check=False)
     assert finished.returncode == 1
     assert "recovered: failed" in finished.stderr
-    assert "nothing of what was published is recognised in what was found" in finished.stderr
+    assert "the found container matches nothing that was published" in finished.stderr
     assert MESSAGE not in finished.stderr + finished.stdout

@@ -94,7 +94,7 @@ def test_a_scene_without_points_is_refused() -> None:
 
 
 def test_a_start_without_any_gaussian_is_refused() -> None:
-    with pytest.raises(UserError, match="nothing to start from"):
+    with pytest.raises(UserError, match="no Gaussians to start from"):
         starting_points(scene_with(cloud()), {}, Start(sparse_points=False, message_points=0, random_points=0, seed=0))
 
 
