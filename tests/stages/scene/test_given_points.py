@@ -147,7 +147,7 @@ def test_all_but_the_points_is_as_if_they_were_triangulated(
     scene = run(capture, tmp_path / "given", Services(log=log.append))
     facts = dict(recorded)
     assert scene.attributes["mean_reprojection_error"] is None
-    assert any(line.endswith("100 points that came with them, reprojection error unknown") for line in log)
+    assert any(line.endswith("100 points that came with the poses, reprojection error unknown") for line in log)
     assert facts["unsure_poses"] == [NAMES[-1]]
     other = run(capture, tmp_path / "triangulated", points="triangulate")
     assert recorded["point_source"] == "triangulated"
@@ -192,7 +192,7 @@ def test_which_points_are_kept(truth: Cameras, positions: np.ndarray) -> None:
     assert points_to_keep(enough, SfmParameters()) is enough.points
     assert points_to_keep(enough, SfmParameters(points="given")) is enough.points
     assert points_to_keep(enough, SfmParameters(points="triangulate")) is None
-    for poses, found in ((few, "9 points"), (without, "0 points"), (None, "poses that are estimated")):
+    for poses, found in ((few, "9 points"), (without, "0 points"), (None, "estimated poses, whose")):
         assert points_to_keep(poses, SfmParameters()) is None
         with pytest.raises(UserError, match=rf"{found}.*at least 10 .*points3D\.bin or \.txt.*SFM\.points=auto"):
             points_to_keep(poses, SfmParameters(points="given"))

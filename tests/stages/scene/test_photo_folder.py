@@ -70,7 +70,7 @@ def test_of_any_pictures_it_is_said_how_many_files_were_not_looked_at(tmp_path: 
     log: list[str] = []
     looked_at = capture(tmp_path / "found", tmp_path / "out", log, any_pictures=True)
     assert read_capture(looked_at).names == ("a.png", "d.gif", "g.jfif", "h.png")
-    assert "4 files of the folder and of those below it were not looked at, such as " + ", ".join(
+    assert "4 files in the folder and its subfolders were not looked at, such as " + ", ".join(
         ("e.avif", "f.heic", "site/b.png", "site/deep/c.png")
     ) in "".join(log)
     assert read_capture(capture(tmp_path / "found", tmp_path / "photos", log)).names == ("a.png", "g.jfif", "h.png")
@@ -188,7 +188,7 @@ def test_copies_of_a_photo_are_left_out_where_no_poses_came(tmp_path: Path) -> N
         (folder / name).write_bytes((folder / source).read_bytes())
     log: list[str] = []
     assert read_capture(capture(folder, tmp_path / "out", log)).names == ("a (1).jpg", "b.jpg", "c.png")
-    assert any("3 photos are copies of others" in line and "a.jpg, d.png, z.jpg" in line for line in log)
+    assert any("3 photos are exact copies of others" in line and "a.jpg, d.png, z.jpg" in line for line in log)
     every = read_capture(capture(folder, tmp_path / "all", any_pictures=True))
     assert len(every.names) == 6, "who looks through pictures is answered for each"
 

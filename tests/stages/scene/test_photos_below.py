@@ -21,7 +21,7 @@ def test_fewer_photos_in_a_folder_beside_the_others_are_told(tmp_path: Path, pla
     folder = scan(tmp_path / "scan", *(f"{place}/{number}.jpg" for number in range(4)), "more photos/day 2/7.jpg")
     log: list[str] = []
     assert capture(folder, tmp_path / "out", log).attributes["names"] == ["0.jpg", "1.jpg", "2.jpg", "3.jpg"]
-    assert "1 photo lies in folders beside those taken and was left out: in more photos/day 2" in log
+    assert "1 photo is in folders beside those used and was left out: in more photos/day 2" in log
 
 
 @pytest.mark.parametrize(

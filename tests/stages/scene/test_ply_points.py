@@ -135,7 +135,7 @@ def test_few_posed_photos_that_are_not_there_are_left_out(tmp_path: Path) -> Non
     (folder / "images" / "2.png").unlink()
     log: list[str] = []
     assert read_capture(capture(folder, tmp_path / "photos", log)).names == ("0.png", "1.png", "3.png")
-    assert "1 pose is of a photo that is not there, left out, such as images/2.png" in log
+    assert "1 pose belongs to a missing photo, left out, such as images/2.png" in log
     (folder / "images" / "1.png").unlink()
     with pytest.raises(UserError, match=r"poses came for photos that do not exist.* found 2 of 4"):
         capture(folder, tmp_path / "again")
