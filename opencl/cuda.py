@@ -216,7 +216,7 @@ class CudaBackend(Backend):
         if kernel is None:
             module, loaded = self._module(program)
             if name not in loaded.kernels:
-                raise ValueError(f"kernel {name}: found none of this name, expected one of {', '.join(loaded.kernels)}")
+                raise ValueError(f"kernel {name}: found no such kernel, expected one of {', '.join(loaded.kernels)}")
             function = self.driver.function(module, name)
             parameters, most = loaded.kernels[name], self.driver.largest_group(function)
             kernel = CudaKernel(function, parameters, most, Arguments(parameters))

@@ -27,8 +27,8 @@ def first_gradients_only(backward: Callable[..., Gradients]) -> Callable[..., Gr
         if torch.is_grad_enabled():
             raise RuntimeError(
                 f"{backward.__qualname__}: found create_graph=True, expected none: kernels compute first gradients "
-                "only, and second ones would lack what goes through here. Leave create_graph out, or differentiate "
-                "twice what is written in torch's own operations"
+                "only, and second gradients would miss this operation's contribution. Leave create_graph out, or "
+                "differentiate twice what is written in torch's own operations"
             )
         return backward(ctx, *gradients)
 

@@ -72,7 +72,7 @@ def _facts(path: Path, facts: Any) -> dict[str, Any]:
     if isinstance(facts, dict) and len(facts) <= MOST_FACTS and all(map(_is_fact, facts.items())):
         return facts
     raise UserError(
-        "facts of a secret that are none",
+        "the secret's facts are invalid",
         where=path,
         expected=f"at most {MOST_FACTS} short words, finite numbers, or lists of these numbers",
     )
@@ -132,7 +132,7 @@ def check_format(path: Path, description: Mapping[str, Any], expected: str) -> N
     found = (description.get("format"), description.get("version"))
     if found != (expected, VERSION):
         raise UserError(
-            "a description of something else",
+            "a description of the wrong format or version",
             where=path,
             found=f"format {found[0]!r}, version {found[1]!r}"[:LONGEST_TEXT],
             expected=f"format {expected!r}, version {VERSION}",

@@ -88,7 +88,7 @@ def _are_numbers(values: Any, count: int, largest: float) -> TypeGuard[list[floa
 
 def _wrong(path: Path, found: str, expected: str) -> UserError:
     return UserError(
-        "cameras that are none",
+        "invalid cameras",
         where=path,
         found=found,
         expected=expected,

@@ -84,7 +84,7 @@ class Expected:
         if not all(np.isfinite(each).all() for each in (shares, readings, usual, farthest)):
             raise ValueError("expectations that are not finite")
         if (np.diff(shares) <= 0).any() or (usual < SMALLEST).any() or (farthest < usual).any():
-            raise ValueError("expected shares of the cover that do not ascend, or distances that are none")
+            raise ValueError("expected shares of the cover that do not increase, or invalid distances")
         if np.abs(np.concatenate([readings, farthest])).max() > LARGEST:
             raise ValueError(f"expectations beyond {LARGEST:g}")
         return cls(shares, readings.reshape(len(shares), rows), usual, farthest)

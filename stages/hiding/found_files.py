@@ -116,7 +116,7 @@ def _check_columns(ply: Ply, columns: Sequence[str], unknown: Sequence[str]) -> 
     missing = [name for name in columns if name not in names]
     if missing:
         raise UserError(
-            "no container like the published one",
+            "not a container like the published one",
             where=ply.path,
             found=f"no columns {listed(missing)} among {listed(names) or 'none'}",
             expected="those of the published container, in any order",

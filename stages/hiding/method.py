@@ -164,7 +164,7 @@ def build_method(name: str, settings: Mapping[str, object]) -> Method:
             where=module_of(name),
             found=", ".join(sorted(lost)),
             expected=" and ".join(kept),
-            remedy="Make what everybody may have a part of the scene decoder, and the rest one of the message decoder.",
+            remedy="Make what may be public a part of the scene decoder, and the rest one of the message decoder.",
         )
     return method
 

@@ -129,8 +129,8 @@ def _opened(gaussians: Gaussians, seal: Seal) -> Gaussians | None:
 def _refuse_changed(gaussians: Gaussians, secret: Artifact) -> None:
     if hash_of(gaussians) != string(secret, SEALED):
         raise UserError(
-            "the secret is of another container, or this one is not as it was sealed",
-            found=f"{len(gaussians)} Gaussians, of which others, or at other places or of another opacity, were sealed",
+            "the secret belongs to another container, or this container was changed after sealing",
+            found=f"{len(gaussians)} Gaussians; those sealed were different ones, or had other positions or opacities",
             expected="the container for which the secret was made, as it was published",
             remedy="Give the secret that was exported with this container. If it was changed since then, "
             "workflows/recover_container.yaml opens it beside the one that was published.",
@@ -142,11 +142,11 @@ def _refuse_another_seal(seal: Seal, secret: Artifact) -> None:
     agreeing = _agreeing(seal, secret) if SIGNS in secret.attributes else 1.0  # the first seals' secrets have none
     if agreeing < SAME_SEAL:
         raise UserError(
-            "the secret is of another sealing of the same Gaussians",
+            "the secret belongs to another sealing of the same Gaussians",
             where=str(secret.path),
-            found=f"{100 * agreeing:.0f} % of what was looked at as it was sealed, where chance gives 50 %",
+            found=f"{100 * agreeing:.0f} % of the values checked match the sealing; chance gives 50 %",
             expected=f"{100 * SAME_SEAL:.0f} % or more",
-            remedy="Give the secret that was exported with this container: with a grain it has another.",
+            remedy="Give the secret that was exported with this container: a container with a grain has another one.",
         )
 
 

@@ -54,7 +54,7 @@ def view_that_hides(name: str, secret: Artifact | None, scene: Scene, stage: str
         )
     if name not in strings(secret, "messages"):
         raise UserError(
-            "the image is another than the one that is hidden",
+            "this is not the image that is hidden",
             found="an image of another name",
             remedy=f"give {stage} the secret and the image of one hide_image",
         )
@@ -75,7 +75,7 @@ def _view_of_the_cover(secret: Artifact, scene: Scene, stage: str) -> str:
     view = string(secret, IMAGE_VIEW)
     if view not in scene.cameras.names:
         raise UserError(
-            "the view that hides the image is none of this cover's",
+            "the view that hides the image is not in this cover",
             found=f"{len(scene.cameras)} other views",
             remedy=f"give {stage} the cover and the secret of one hide_image",
         )

@@ -140,7 +140,7 @@ class _ArrayUnpickler(pickle.Unpickler):
 
     def find_class(self, module: str, name: str) -> Any:
         if (module, name) not in self._allowed:
-            raise UserError("a file of weights names more than arrays", found=f"{module}.{name}")
+            raise UserError("a weights file contains objects other than arrays", found=f"{module}.{name}")
         return self._allowed[module, name]
 
 

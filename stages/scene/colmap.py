@@ -199,7 +199,7 @@ def _text_lenses(path: Path) -> dict[int, Lens]:
 
 def _enter(lenses: dict[int, Lens], camera: int, lens: Lens) -> None:
     if camera in lenses:
-        raise ValueError(f"camera {camera} is there twice; which of the two took a photo, nobody could tell")
+        raise ValueError(f"camera {camera} is listed twice, so its photos are ambiguous")
     lenses[camera] = lens
 
 
@@ -232,7 +232,7 @@ def _check_observations(line: str) -> None:
     """Raise `ValueError` unless a line lists observations (x, y and a point id each), rather than an image."""
     parts = line.split()
     if len(parts) % 3 or (parts and not parts[-1].removeprefix("-").isdecimal()):
-        raise ValueError("no line of observations, which every image is followed by; it may be empty")
+        raise ValueError("the line of observations after an image is missing (it may be empty)")
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:

@@ -28,7 +28,7 @@ def splats_frame(means: Float[np.ndarray, "N 3"]) -> Similarity:
     The origin is the median of the centres, and 90 % of them lie within a distance of 1. Raises `ValueError` for N = 0.
     """
     if not len(means):
-        raise ValueError("no splats have no middle")
+        raise ValueError("there are no splats to find the middle of")
     middle = np.median(means, axis=0).astype(np.float64)
     distance = float(np.quantile(np.linalg.norm(means - middle, axis=1), SPREAD)) or 1.0
     return Similarity(distance, np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), middle)

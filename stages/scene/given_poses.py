@@ -107,7 +107,7 @@ def read_poses(
     missing = [name for name, photo in matched.items() if photo is None]
     if len(missing) > (1 - MOST) * len(matched) or not posed:
         raise UserError(
-            "poses came for photos that do not exist" if posed else "a file of poses without poses",
+            "the poses refer to photos that do not exist" if posed else "a file of poses without poses",
             where=place,
             found=f"{len(missing)} of {len(posed)}: {', '.join(missing[:3])}" if posed else "0 photos",
             expected=f"the names of the {len(sizes)} photos, such as {min(sizes)}" if sizes else "frames",

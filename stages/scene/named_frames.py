@@ -60,7 +60,7 @@ def photo_of_frame(folder: Path, file: Path, frame: str) -> Path:
         if candidate.suffix.lower() in SUFFIXES and _is_file(candidate):
             return candidate
     raise UserError(
-        "poses came for photos that do not exist",
+        "the poses refer to photos that do not exist",
         where=file,
         found=repr(frame[:80]),
         expected=f"a file_path of a photo in the capture's folder, with or without {', '.join(SUFFIXES)}",

@@ -161,10 +161,10 @@ def named_photos(place: Path, photos: Sequence[Path]) -> dict[str, Path]:
         name = "_".join(photo.relative_to(place).parts)
         if name in named:
             raise UserError(
-                f"two photos would both be called {name}",
+                f"two photos would have the same name, {name}",
                 where=place,
                 found=" and ".join(each.relative_to(place).as_posix() for each in (named[name], photo)),
-                expected="a name of its own for every photo, for views are paired by name",
+                expected="a name of its own for every photo, because views are paired by name",
                 remedy="Rename one, or its folder.",
             )
         named[name] = photo
@@ -208,7 +208,7 @@ def _refuse_equal_stems(place: Path, photos: dict[str, Path]) -> None:
                 "two photos differ only in their extension",
                 where=place,
                 found=" and ".join(names),
-                expected="a name of its own for every photo, for views are paired by name",
+                expected="a name of its own for every photo, because views are paired by name",
                 remedy="Rename one, or take it out.",
             )
 

@@ -47,7 +47,7 @@ def _positions(ply: Ply) -> Float64[np.ndarray, "P 3"]:
     if not near.all():
         row = int(np.argmin(near))
         raise UserError(
-            f"point {row} of a PLY lies where no scene has any",
+            f"point {row} of a PLY is outside any plausible scene",
             where=ply.path,
             found=", ".join(f"{value:g}" for value in positions[row]),
             expected=f"finite numbers within {LARGEST_TRANSLATION:g}",

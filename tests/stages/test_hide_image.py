@@ -142,7 +142,7 @@ def test_an_image_that_is_not_the_hidden_one_is_refused(tmp_path: Path, cover: A
     made = hidden(tmp_path / "made", cover, emblem, iterations=1)
     with create(tmp_path / "other", "image", private=True) as writer:
         write_image(writer, "other", emblem.read("picture"))
-    with pytest.raises(UserError, match="another than the one that is hidden"):
+    with pytest.raises(UserError, match="this is not the image that is hidden"):
         scores(tmp_path / "scores", made, cover, load(tmp_path / "other"), "gs_hider")
 
 

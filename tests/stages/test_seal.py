@@ -210,7 +210,7 @@ def test_the_secret_changes_nothing_public(tmp_path: Path, hidden: Made, closed:
 
 def test_what_was_pruned_is_opened_by_what_was_published(tmp_path: Path, hidden: Made, closed: Made) -> None:
     pruned = kept(tmp_path / "pruned", closed["container"], 0.8)
-    with pytest.raises(UserError, match="secret is of another container, or this one is not as it was sealed"):
+    with pytest.raises(UserError, match="secret belongs to another container, or this container was changed"):
         read_container(pruned, closed["secret"])
     opened, _ = read_container(pruned, closed["secret"], published=closed["container"])
     original = read_gaussians(hidden["container"])

@@ -191,7 +191,7 @@ def test_the_cover_of_another_secret_is_told(tmp_path: Path, of_a_picture: dict[
         for name in original.names:
             writer.write(name, original.read(name))
         writer.attributes |= {"names": [f"other {name}" for name in scene.cameras.names], "test_names": []}
-    with pytest.raises(UserError, match="none of this cover's") as raised:
+    with pytest.raises(UserError, match="not in this cover") as raised:
         published(tmp_path, of_a_picture, load(tmp_path / "other"))
     assert HIDING_VIEW not in str(raised.value)
 

@@ -99,7 +99,7 @@ def _no_ply(path: Path, head: bytes) -> UserError:
     """The error for any other file, by its first bytes. People who are sent a folder often have it as a zip."""
     zipped = head.startswith(ZIP)
     return UserError(
-        "no PLY file",
+        "not a PLY file",
         where=path,
         found="a zip" if zipped else f"a file that begins with {_first_bytes(head)}" if head else "an empty file",
         expected="a file whose first line is ply",

@@ -74,7 +74,7 @@ class Ply:
                 where=self.path,
                 found=f"no {listed(missing)} among {listed(list(types))}",
                 expected=listed(names),
-                remedy="Check that the file is of the kind that is asked for here.",
+                remedy="Check that the file is of the kind needed here.",
             )
         for name in names:
             if types[name] != np.float32:

@@ -44,7 +44,7 @@ def read_text(path: Path, file: BinaryIO, header: Header) -> Elements:
     try:
         numbers = np.fromstring(body, np.float64, count=-1 if whole else sum(counts), sep=" ")
     except ValueError as error:
-        raise UserError("an ASCII PLY holds what is no number", where=path, remedy=REMEDY) from error
+        raise UserError("an ASCII PLY contains a value that is not a number", where=path, remedy=REMEDY) from error
     _check_size(path, header, f"{len(numbers)} numbers", f"{sum(counts)} numbers", len(numbers) - sum(counts))
     elements: dict[str, Shaped[np.ndarray, " N"]] = {}
     start = 0

@@ -31,7 +31,7 @@ def values_of_gaussian_ply(path: Path, vertices: Shaped[np.ndarray, " N"]) -> Sp
             where=path,
             found=f"no {', '.join(missing[:4])} among {', '.join(name[:20] for name in names[:8]) or 'no properties'}",
             expected=f"an element vertex with {', '.join(NEEDED)}",
-            remedy="Give the PLY that a training of 3DGS saved; a mesh or a cloud of points is none.",
+            remedy="Give the PLY that a training of 3DGS saved; a mesh or a point cloud will not do.",
         )
     rest = [name for name in names if name.startswith("f_rest_")]
     return SplatValues(
@@ -57,7 +57,7 @@ def names_of_rest(path: Path, found: Sequence[str]) -> list[str]:
     names = [f"f_rest_{number}" for number in range(len(found))]
     if len(found) not in HARMONICS_OF_DEGREE or set(names) != set(found):
         raise UserError(
-            "spherical harmonics that are no whole degree",
+            "spherical harmonics that do not make up a whole degree",
             where=path,
             found=f"{len(found)} properties f_rest_*",
             expected=f"f_rest_0 and on, {', '.join(map(str, HARMONICS_OF_DEGREE))} of them for the degrees 0 to 3",

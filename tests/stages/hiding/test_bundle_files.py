@@ -131,7 +131,10 @@ def zip_folder(folder: Path) -> None:
     ("damage", "expected"),
     [
         (lambda folder: shutil.rmtree(folder / "bundle"), "no such PLY file"),
-        (lambda folder: zip_folder(folder / "bundle"), "no PLY file; found a zip; .* Unpack it, and give the folder"),
+        (
+            lambda folder: zip_folder(folder / "bundle"),
+            "not a PLY file; found a zip; .* Unpack it, and give the folder",
+        ),
         (lambda folder: zip_folder(folder / "secret_bundle"), "found a file; expected a folder.*if this is a zip"),
         (
             lambda folder: (folder / "bundle/container.json").unlink(),
@@ -210,7 +213,7 @@ def zip_folder(folder: Path) -> None:
         ),
         (lambda folder: change(folder / "secret_bundle/secret.json", messages=MESSAGE), "without the messages' names"),
         (lambda folder: change(folder / "secret_bundle/secret.json", messages=[["a"]]), "without the messages' names"),
-        (lambda folder: change(folder / "secret_bundle/secret.json", facts=[1]), "facts of a secret that are none"),
+        (lambda folder: change(folder / "secret_bundle/secret.json", facts=[1]), "the secret's facts are invalid"),
         (lambda folder: change(folder / "secret_bundle/secret.json", facts={"messages": "a"}), "facts of a secret"),
         (lambda folder: change(folder / "secret_bundle/secret.json", facts={"a": float("nan")}), "facts of a secret"),
         (lambda folder: change(folder / "secret_bundle/secret.json", facts={"a": ["x"]}), "facts of a secret"),

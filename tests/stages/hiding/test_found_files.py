@@ -115,7 +115,7 @@ def test_a_folder_without_a_ply_is_told(tmp_path: Path) -> None:
 def test_splats_without_the_features_of_a_container_are_told(tmp_path: Path) -> None:
     columns = {name: values for name, values in table(OF_3DGS).items() if not name.startswith("feature")}
     said = refused(write_ply(tmp_path / "plain.ply", columns))
-    assert "no container like the published one; found no columns feature_0 among x, y, z" in said
+    assert "not a container like the published one; found no columns feature_0 among x, y, z" in said
     assert "hide no message" in said
 
 

@@ -163,7 +163,7 @@ def test_what_it_does_not_take_is_refused(own: Path, changed: dict[str, object],
         ("import nothing_of_that_name", "found ModuleNotFoundError: No module named 'nothing_of_that_name'"),
         ("", "SETTINGS = None; expected a tuple of names"),
         ('SETTINGS = ("levels")', "SETTINGS = 'levels'; expected a tuple of names"),
-        ('SETTINGS = ()\nPRESETS = {"decoder_wdith": 12}', "no parameters; found .*decoder_wdith"),
+        ('SETTINGS = ()\nPRESETS = {"decoder_wdith": 12}', "unknown parameters; found .*decoder_wdith"),
     ],
 )
 def test_a_file_with_a_mistake_is_named(own: Path, source: str, complaint: str) -> None:

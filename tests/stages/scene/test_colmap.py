@@ -134,7 +134,7 @@ def test_images_without_lines_of_observations_are_refused_not_halved(tmp_path: P
     write_text_model(tmp_path)
     lines = [line for line in (tmp_path / "images.txt").read_text().splitlines() if "jpg" in line]
     (tmp_path / "images.txt").write_text("\n".join(lines).replace("a.jpg", name))
-    with pytest.raises(UserError, match=r"images\.txt.*line 2: no line of observations"):
+    with pytest.raises(UserError, match=r"images\.txt.*line 2: the line of observations after an image is missing"):
         read_colmap_model(tmp_path)
 
 
@@ -157,12 +157,12 @@ def test_a_camera_that_is_there_twice_is_refused(tmp_path: Path) -> None:
     write_text_model(tmp_path / "text")
     cameras = tmp_path / "text" / "cameras.txt"
     cameras.write_text(cameras.read_text() + "7 PINHOLE 640 480 400 400 320 240\n")
-    with pytest.raises(UserError, match=r"cameras\.txt.*line 3: camera 7 is there twice"):
+    with pytest.raises(UserError, match=r"cameras\.txt.*line 3: camera 7 is listed twice"):
         read_colmap_model(tmp_path / "text")
     write_binary_model(tmp_path / "binary")
     cameras = tmp_path / "binary" / "cameras.bin"
     cameras.write_bytes(struct.pack("<Q", 2) + 2 * cameras.read_bytes()[8:])
-    with pytest.raises(UserError, match=r"cameras\.bin.*camera 7 is there twice"):
+    with pytest.raises(UserError, match=r"cameras\.bin.*camera 7 is listed twice"):
         read_colmap_model(tmp_path / "binary")
 
 

@@ -130,10 +130,10 @@ def test_a_header_of_one_mebibyte_is_the_longest(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "told"),
     [
-        (b"", "no PLY file; found an empty file"),
-        (b"ply", "no PLY file; found a file that begins with ply; expected a file whose first line is ply"),
-        (b"PK\x03\x04 a zip", "no PLY file; found a zip; expected a file whose first line is ply. Unpack it"),
-        (b"\x89PNG", "no PLY file; found a file that begins with the bytes 89 50 4e 47"),
+        (b"", "not a PLY file; found an empty file"),
+        (b"ply", "not a PLY file; found a file that begins with ply; expected a file whose first line is ply"),
+        (b"PK\x03\x04 a zip", "not a PLY file; found a zip; expected a file whose first line is ply. Unpack it"),
+        (b"\x89PNG", "not a PLY file; found a file that begins with the bytes 89 50 4e 47"),
         (b"ply\n", "header does not end"),
         (VALID.replace(b"end_header", b"end_headers") + ROWS, "header does not end"),
         (b"ply\ncomment " + b"x" * 2 * LARGEST_HEADER + b"\nend_header\n", "header does not end"),

@@ -110,8 +110,8 @@ def test_a_link_out_of_the_folder_is_not_followed(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
-        ({"x": np.full(500, np.nan, np.float32)}, "point 0 of a PLY lies where no scene has any; found nan"),
-        ({"y": np.full(500, 3e30, np.float32)}, "point 0 of a PLY lies where no scene has any"),
+        ({"x": np.full(500, np.nan, np.float32)}, "point 0 of a PLY is outside any plausible scene; found nan"),
+        ({"y": np.full(500, 3e30, np.float32)}, "point 0 of a PLY is outside any plausible scene"),
         ({"z": np.zeros(500, np.uint8)}, "no usable z; found uint8; expected float32 or float64"),
         ({"green": np.zeros(500, np.float32)}, "no usable green; found float32; expected uint8"),
     ],
@@ -137,5 +137,5 @@ def test_few_posed_photos_that_are_not_there_are_left_out(tmp_path: Path) -> Non
     assert read_capture(capture(folder, tmp_path / "photos", log)).names == ("0.png", "1.png", "3.png")
     assert "1 pose belongs to a missing photo, left out, such as images/2.png" in log
     (folder / "images" / "1.png").unlink()
-    with pytest.raises(UserError, match=r"poses came for photos that do not exist.* found 2 of 4"):
+    with pytest.raises(UserError, match=r"the poses refer to photos that do not exist.* found 2 of 4"):
         capture(folder, tmp_path / "again")

@@ -74,7 +74,7 @@ def test_splits_whose_photos_would_be_called_the_same_are_refused(tmp_path: Path
 
 def test_a_folder_of_photos_is_not_asked_for_beside_splits(tmp_path: Path) -> None:
     nerf_synthetic(tmp_path / "lego", train=["r_0"], test=["r_0"])
-    found = "images: train, beside transforms_train.json and transforms_test.json"
+    found = "images: train, and transforms_train.json and transforms_test.json"
     expect_refusal(tmp_path / "lego", tmp_path / "out", found, "Leave images out", images="train")
 
 

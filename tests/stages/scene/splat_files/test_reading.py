@@ -166,7 +166,7 @@ WHOLE = compressed_ply([LEAST, LARGEST], [LOW + HIGH])
         (b"end_header", b"end_hearder", ["header does not end"]),
         (b"binary_little_endian", b"binary_middle_endian", ["unknown format"]),
         (b"1.0", b"2.0", ["unknown format"]),
-        (b"ply\n", b"plyers\n", ["no PLY file"]),
+        (b"ply\n", b"plyers\n", ["not a PLY file"]),
     ],
 )
 def test_a_broken_ply(tmp_path: Path, old: bytes, new: bytes, words: list[str]) -> None:
