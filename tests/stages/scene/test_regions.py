@@ -65,5 +65,5 @@ def test_the_frame_of_splats_alone() -> None:
     assert (np.linalg.norm(frame.inverse().points(points), axis=1) <= 1).mean() == pytest.approx(0.9, abs=0.001)
     np.testing.assert_array_equal(frame.directions(np.array([[0.0, 0, 1]])), [[0, -1, 0]])
     assert splats_frame(points[:1]).scale == 1
-    with pytest.raises(ValueError, match="no middle"):
+    with pytest.raises(ValueError, match="no splats to find the middle"):
         splats_frame(points[:0])
