@@ -160,7 +160,7 @@ WHOLE = compressed_ply([LEAST, LARGEST], [LOW + HIGH])
         (VERTEX, b"element empty 1000000000000000000\nelement vertex 3\n", ["'empty' of a PLY has no properties"]),
         (b"property float f_dc_1\n", b"", ["longer than its header says"]),
         (b"float f_dc_1\n", b"float red\n", ["no f_dc_1", "3D Gaussian Splatting"]),
-        (b"float f_rest_8\n", b"float f_rest_9\n", ["no whole degree"]),
+        (b"float f_rest_8\n", b"float f_rest_9\n", ["not make up a whole degree"]),
         (b"float nx\n", b"list uchar int nx\n", ["cannot be read", "lists in 'vertex'"]),
         (b"float nx\n", b"quad nx\n", ["not understood", "quad"]),
         (b"end_header", b"end_hearder", ["header does not end"]),
@@ -213,7 +213,7 @@ def test_rotations_of_no_length(tmp_path: Path) -> None:
         (WHOLE.replace(b"float max_scale_y", b"float max_scule_y"), "chunk lacks the property max_scale_y"),
         (compressed_ply([LEAST] * 300, [LOW + HIGH]), "1 for 300 Gaussians"),
         (compressed_ply([LEAST], [LOW + HIGH], harmonics=[[0] * 9] * 2), "2 rows for 1 Gaussians"),
-        (compressed_ply([LEAST], [LOW + HIGH], harmonics=[[0] * 10]), "no whole degree"),
+        (compressed_ply([LEAST], [LOW + HIGH], harmonics=[[0] * 10]), "not make up a whole degree"),
         (compressed_ply([LEAST], [[math.nan] * 18]), "NaN"),
         (compressed_ply([LARGEST], [LOW + [1e38] * 9]), "NaN or infinity|absurd"),
         (compressed_ply([], []), "without Gaussians"),
@@ -229,7 +229,7 @@ def test_what_is_no_number_in_text(tmp_path: Path, word: bytes) -> None:
     whole = write_ply(tmp_path / "whole.ply", columns(3, 0), text=True).read_bytes()
     start = whole.index(b"end_header\n") + len(b"end_header\n")
     said = refusal(tmp_path / "a.ply", whole[:start] + word + b" " + whole[start:])
-    assert "no number" in said or "numbers after the header" in said
+    assert "not a number" in said or "numbers after the header" in said
     assert "numbers after the header" in refusal(tmp_path / "b.ply", whole + b" 1 2 3")
     assert "cut off" in refusal(tmp_path / "c.ply", whole[: start + 100])
 
