@@ -17,7 +17,7 @@ from stages.analysis.fidelity import Perceptual
 from stages.analysis.public_scores import comparisons_for_the_public, rows_for_the_public
 from stages.analysis.scoring import HiddenImage, Scores, leakage_rows, score, views_for_the_public
 from stages.hiding.method_names import PLAIN, MethodName, module_of
-from stages.hiding.opening import public_gaussians, read_container
+from stages.hiding.opening import read_container
 from stages.hiding.storage import bytes_of, check_method
 from stages.hiding.what_is_hidden import hidden_messages, view_that_hides
 from stages.imaging.image import filling, read_image
@@ -97,11 +97,9 @@ def evaluate(context: Context, parameters: EvaluateParameters) -> None:
 
         own = splats is container
         decodes = own and bool(messages or image)
-        reads = secret if decodes else None
-        gaussians, method = read_container(splats, reads, device)
-        public, shown = public_gaussians(splats, reads, device), parameters.shown_train_views
-        pictured = image if own else None
-        scores = score(gaussians, method, name, scene, hidden, perceptual, shown, progress, pictured, public)
+        read = read_container(splats, secret if decodes else None, device)
+        shown = parameters.shown_train_views
+        scores = score(read, name, scene, hidden, perceptual, shown, progress, image if own else None)
         # For the reference, which never saw a message, this is the control: the correlation due to chance.
         scores.rows += _sizes(splats, name, secret if own else None) + leakage_rows(scores, messages)
         scores.residuals.clear()  # as large as all test views in float32, and no longer needed

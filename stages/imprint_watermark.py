@@ -112,10 +112,8 @@ def imprint_watermark(context: Context, parameters: ImprintWatermarkParameters) 
     pictures = _pictures(context, parameters, scene, gaussians, method)
     codec.expect(picture_to_tensor(pictures.watermark, device).permute(2, 0, 1))
     key = context.input_optional("key")
-    coins, dither = (
-        thrown(len(gaussians), key_generator(key, parameters.seed)),
-        generator_apart(key, "dither", parameters.seed),
-    )
+    coins = thrown(len(gaussians), key_generator(key, parameters.seed))
+    dither = generator_apart(key, "dither", parameters.seed)
     measured_on = scene.cameras.select(scene.train_names[::MEASURED_ON])
     marked = grained(gaussians, method, measured_on, parameters.first_level, coins, dither)
     curves = train_network(context, Imprinting(marked, gaussians, method, codec, pictures, _settings(parameters)))

@@ -54,7 +54,8 @@ def probe_decoder(context: Context, parameters: ProbeDecoderParameters) -> None:
     secret = context.input("secret")
     messages = read_messages(context.input_many("messages"), scene.cameras.names)
     messages = at_least_one_hidden(messages, secret, "probe_decoder")
-    gaussians, method = read_container(container, secret)
+    read = read_container(container, secret)
+    gaussians, method = read.gaussians, read.method
     if FEATURES not in gaussians.parameters:
         raise UserError(
             "the container has no features to probe",

@@ -12,8 +12,7 @@ from stages.analysis.filming import encoded
 from stages.analysis.videos import write_videos
 from stages.hiding.message_names import FEATURE_MAP
 from stages.hiding.method_names import MethodName, module_of
-from stages.hiding.opening import public_gaussians, read_container
-from stages.hiding.photographs import photographs
+from stages.hiding.opening import read_container
 from stages.hiding.rendering import Rendering
 from stages.hiding.storage import check_method
 from stages.imaging.pictures import Picture, tensor_to_picture
@@ -62,21 +61,19 @@ def render_path(context: Context, parameters: RenderPathParameters) -> None:
     container = context.input("container")
     check_method(container, parameters.method)
     device = working_device()
-    secret = context.input_optional("secret")
-    gaussians, method = read_container(container, secret, device, context.input_optional("published"))
-    public = public_gaussians(container, secret, device)
+    read = read_container(container, context.input_optional("secret"), device, context.input_optional("published"))
     path = path_along(read_scene(context.input("cover")), parameters)
     filmed: dict[str, list[Picture]] = {}
-    for number, rendering in enumerate(photographs(gaussians, method, path, public), start=1):
-        for title, picture in panels_of(gaussians, rendering).items():
+    for number, rendering in enumerate(read.photographs(path), start=1):
+        for title, picture in panels_of(read.gaussians, rendering).items():
             filmed.setdefault(title, []).append(enlarged(picture))
         context.progress(number, parameters.frames)
         context.stop_if_requested()
     rate = parameters.frames / parameters.seconds
     videos = encoded(filmed, parameters.method, rate, context.stop_if_requested)
     write_videos(context.output("videos"), videos)
-    shown_to_all = [video for video in videos if video.role == "cover" and not container.private]
-    write_videos(context.output("public_videos"), shown_to_all)
+    public = [video for video in videos if video.role == "cover" and not container.private]
+    write_videos(context.output("public_videos"), public)
     context.record(device=describe_drawing(device))
 
 

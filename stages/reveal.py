@@ -15,8 +15,7 @@ from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.comparisons import write_comparisons
 from stages.analysis.scoring import HiddenImage, score
 from stages.hiding.method_names import MethodName, module_of
-from stages.hiding.opening import public_gaussians, read_container
-from stages.hiding.photographs import photographs
+from stages.hiding.opening import read_container
 from stages.hiding.storage import check_method
 from stages.hiding.what_is_hidden import view_of_an_image
 from stages.imaging.metric_table import write_rows
@@ -71,10 +70,8 @@ def reveal(context: Context, parameters: RevealParameters) -> None:
         context.stop_if_requested()
 
     messages = _as_published(published, secret, looked_at, device, progress)
-    gaussians, owner = read_container(container, secret, device, published)
     scores = score(
-        gaussians,
-        owner,
+        read_container(container, secret, device, published),
         parameters.method,
         scene,
         messages if view is None else {},
@@ -82,7 +79,6 @@ def reveal(context: Context, parameters: RevealParameters) -> None:
         parameters.shown_train_views,
         lambda done, _: progress(len(looked_at) + done),
         _image(messages, view) if view is not None else None,
-        public_gaussians(container, secret, device),
     )
     write_rows(context.output("scores"), scores.rows)
     write_comparisons(context.output("pictures"), scores.comparisons(scene))
@@ -110,10 +106,10 @@ def _as_published(
     published: Artifact, secret: Artifact, cameras: Cameras, device: torch.device, progress: Callable[[int], None]
 ) -> dict[str, MessageViews]:
     """What the secret shows of each message from these cameras; every pixel counts as covered."""
-    gaussians, method = read_container(published, secret, device)
+    read = read_container(published, secret, device)
     size = (len(cameras), cameras.height, cameras.width)
     shown = {name: np.empty((*size, 3), np.uint8) for name in strings(secret, "messages")}
-    for row, rendering in enumerate(photographs(gaussians, method, cameras)):
+    for row, rendering in enumerate(read.photographs(cameras)):
         for name, pictures in shown.items():
             pictures[row] = tensor_to_picture(rendering.pictures[name])
         progress(row + 1)

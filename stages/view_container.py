@@ -20,8 +20,7 @@ from stages.hiding.bundle import CAMERAS, IMAGE_CAMERA
 from stages.hiding.camera_files import MOST_CAMERAS
 from stages.hiding.image_view import IMAGE_VIEW
 from stages.hiding.method_names import MethodName, module_of
-from stages.hiding.opening import public_gaussians, read_container
-from stages.hiding.photographs import photographs
+from stages.hiding.opening import read_container
 from stages.hiding.rendering import COVER
 from stages.hiding.storage import check_method
 from stages.imaging.pictures import Picture, tensor_to_picture
@@ -75,10 +74,9 @@ def view_container(context: Context, parameters: ViewContainerParameters) -> Non
     path = _path(context.input("cameras"), parameters)
     hiding = _image_camera(context.input_optional("image_camera"), secret, parameters)
     device = working_device()
-    gaussians, method = read_container(container, secret, device)
-    public = public_gaussians(container, secret, device)
+    read = read_container(container, secret, device)
     filmed: dict[str, list[Picture]] = {}
-    for number, rendering in enumerate(photographs(gaussians, method, path, public), start=1):
+    for number, rendering in enumerate(read.photographs(path), start=1):
         for title, picture in rendering.pictures.items():
             if title == COVER or hiding is None:
                 filmed.setdefault(title, []).append(tensor_to_picture(picture))
@@ -86,7 +84,7 @@ def view_container(context: Context, parameters: ViewContainerParameters) -> Non
         context.stop_if_requested()
     pictures = _kept(filmed, path, parameters)
     if hiding is not None:
-        shown = next(photographs(gaussians, method, hiding)).pictures
+        shown = next(read.photographs(hiding)).pictures
         hidden = {title: [tensor_to_picture(picture)] for title, picture in shown.items() if title != COVER}
         pictures += _kept(hidden, hiding, parameters)
     _write(context, parameters, filmed, pictures)

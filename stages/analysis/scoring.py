@@ -15,8 +15,7 @@ from stages.analysis.feature_map import feature_map_picture
 from stages.analysis.fidelity import Perceptual, covered_figures, picture_figures, where_seen
 from stages.analysis.leakage import matched_correlations
 from stages.hiding.message_names import FEATURE_MAP
-from stages.hiding.method import Method
-from stages.hiding.photographs import photographs
+from stages.hiding.opening import ReadContainer
 from stages.hiding.rendering import COVER, Rendering
 from stages.imaging.metric_table import QUANTITIES, MetricRow
 from stages.imaging.pictures import picture_to_tensor, tensor_to_picture
@@ -91,8 +90,7 @@ class Scores:
 
 
 def score(
-    gaussians: Gaussians,
-    method: Method,
+    container: ReadContainer,
     name: str,
     scene: Scene,
     messages: Mapping[str, MessageViews],
@@ -100,19 +98,17 @@ def score(
     shown_train_views: int,
     progress: Callable[[int, int], None],
     image: HiddenImage | None = None,
-    public: Gaussians | None = None,
 ) -> Scores:
     """Measure every view, and keep pictures of all test views and of the first `shown_train_views` training views.
 
-    The cover is rendered from `public` if a secret opened `gaussians` (`public_gaussians`). LPIPS costs more than all
-    other metrics together, so it is measured only on test views and, for a hidden image, on the view that hides it,
-    whose pictures are kept as well.
+    LPIPS costs more than all other metrics together, so it is measured only on test views and, for a hidden image, on
+    the view that hides it, whose pictures are kept as well.
     """
     scores = Scores(name)
     tests = set(scene.test_names)
     hiding = {image.view} if image is not None else set()
     shown = views_for_the_public(scene, shown_train_views) | hiding
-    for row, rendering in enumerate(photographs(gaussians, method, scene.cameras, public)):
+    for row, rendering in enumerate(container.photographs(scene.cameras)):
         view = scene.cameras.names[row]
         split = "test" if view in tests else "train"
         measured = perceptual if view in tests else {}
@@ -121,7 +117,7 @@ def score(
             _score_message(scores, rendering, message, row, split, measured)
         if view in shown:
             scores.shown.append(view)
-            _show(scores, gaussians, rendering, scene, messages, row)
+            _show(scores, container.gaussians, rendering, scene, messages, row)
         if image is not None and view == image.view:
             _score_image(scores, rendering, image, perceptual)
         progress(row + 1, len(scene.cameras))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -13,16 +14,18 @@ from pipeline.artifact import Artifact
 from pipeline.errors import UserError
 from stages.hiding.expected import Expected
 from stages.hiding.method import Method
+from stages.hiding.photographs import photographs
+from stages.hiding.rendering import COVER, Rendering
 from stages.hiding.sealing import SEAL, SEALED, SIGNS, Seal, Sealable, hash_of
 from stages.hiding.storage import read_gaussians, read_method
 from stages.scene.attributes import string
+from stages.scene.cameras import Cameras
 from stages.scene.gaussians import Gaussians
 from stages.scene.identification import identified
 
 SAME_SEAL = 0.75
 """Smallest share of agreeing signs (`Seal.signs`) for a container to count as the one that its secret was made for,
 after whatever rounding and noise."""
-
 
 SEED = 0
 """Seed of `register` inside `identified`; fixed, since nothing asks for a seed when a container is opened."""
@@ -33,31 +36,48 @@ def is_sealed(secret: Artifact) -> bool:
     return SEAL in secret.attributes
 
 
+@dataclass(frozen=True)
+class ReadContainer:
+    """A container on a device. `public` are its Gaussians as everybody has them; `gaussians` are those that the secret
+    opened, or the same object where there is nothing to open.
+    """
+
+    gaussians: Gaussians
+    method: Method
+    public: Gaussians
+
+    def photographs(self, cameras: Cameras) -> Iterator[Rendering]:
+        """Yield a rendering for every camera: the cover from `public`, everything else from `gaussians`.
+
+        Rendered from opened Gaussians, the cover's picture, which may be published, would depend on the message: by
+        rounding in an honest container, visibly in one that was made for that purpose.
+        """
+        if self.public is self.gaussians:
+            yield from photographs(self.gaussians, self.method, cameras)
+            return
+        covers = photographs(self.public, self.method, cameras, (COVER,))
+        opened = photographs(self.gaussians, self.method, cameras, self.method.messages)
+        for cover, rendering in zip(covers, opened, strict=True):
+            messages = {name: rendering.pictures[name] for name in self.method.messages}
+            yield replace(rendering, pictures={COVER: cover.pictures[COVER], **messages})
+
+
 def read_container(
     container: Artifact,
     secret: Artifact | None,
     device: torch.device | str = "cpu",
     published: Artifact | None = None,
-) -> tuple[Gaussians, Method]:
+) -> ReadContainer:
     """Read a container onto a device: opened with its secret, or without a secret as it was published.
 
     `published`: as in `open_container`. Raises `UserError` like `open_container` and `read_method`.
     """
     gaussians, method = read_gaussians(container), read_method(container, secret, device)
-    if secret is not None:
-        originals = read_gaussians(published) if published is not None and is_sealed(secret) else None
-        gaussians = open_container(gaussians, method, secret, originals)
-    return gaussians.to(device), method
-
-
-def public_gaussians(
-    container: Artifact, secret: Artifact | None, device: torch.device | str = "cpu"
-) -> Gaussians | None:
-    """A sealed container's Gaussians as the public has them, if the secret opens them; else None.
-
-    Everything public must be rendered from these (`photographs`): opened Gaussians show the message.
-    """
-    return read_gaussians(container, device) if secret is not None and is_sealed(secret) else None
+    public = gaussians.to(device)
+    if secret is None or not is_sealed(secret):
+        return ReadContainer(public, method, public)
+    originals = read_gaussians(published) if published is not None else None
+    return ReadContainer(open_container(gaussians, method, secret, originals).to(device), method, public)
 
 
 def refuse_sealed(secret: Artifact | None, stage: str) -> None:

@@ -64,8 +64,8 @@ def test_cover_and_message_of_a_container_with_a_grain_are_read_once_it_is_seale
     camera = single_cameras(read_scene(given["cover"]).cameras)[2]
     shown = []
     for made in (given, sealed):
-        gaussians, method = read_container(made["container"], made["secret"])
-        shown.append(method.render(gaussians, camera).pictures)
+        read = read_container(made["container"], made["secret"])
+        shown.append(read.method.render(read.gaussians, camera).pictures)
     changes = {name: float((shown[1][name] - shown[0][name]).square().mean().sqrt()) for name in shown[0]}
     assert len(changes) == 2
     assert 255 * changes[COVER] == pytest.approx(parameters.level, rel=0.5)

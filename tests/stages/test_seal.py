@@ -72,7 +72,7 @@ def test_it_is_published_and_opened_by_whoever_has_the_secret(tmp_path: Path, hi
     read = run_stage(
         import_container, ImportContainerParameters(method="homogeneous", **files), {}, tmp_path / "imported"
     )
-    opened, _ = read_container(read["container"], read["secret"])
+    opened = read_container(read["container"], read["secret"]).gaussians
     torch.testing.assert_close(opened[FEATURES].sigmoid(), features(hidden["container"]), rtol=0, atol=2e-4)
 
 
@@ -158,7 +158,7 @@ def test_features_that_were_rounded_are_still_opened(tmp_path: Path, hidden: Mad
     rounded = {FEATURES: (gaussians[FEATURES].sigmoid() * 31).round().div(31).clamp(0.001, 0.999).logit()}
     with create(tmp_path / "rounded", "container", private=False) as writer:
         write_container(writer, Gaussians(gaussians.parameters | rounded), read_method(closed["container"]))
-    opened, _ = read_container(load(tmp_path / "rounded"), closed["secret"])
+    opened = read_container(load(tmp_path / "rounded"), closed["secret"]).gaussians
     assert (opened[FEATURES].sigmoid() - features(hidden["container"])).abs().mean() < 0.1
 
 
@@ -167,7 +167,7 @@ def test_a_secret_from_before_there_were_signs_still_opens(tmp_path: Path, hidde
         for name in closed["secret"].names:
             writer.write(name, closed["secret"].read(name))
         writer.attributes |= {name: value for name, value in closed["secret"].attributes.items() if name != SIGNS}
-    opened, _ = read_container(closed["container"], load(tmp_path / "earlier"))
+    opened = read_container(closed["container"], load(tmp_path / "earlier")).gaussians
     torch.testing.assert_close(opened[FEATURES].sigmoid(), features(hidden["container"]), rtol=0, atol=2e-4)
 
 
@@ -187,7 +187,7 @@ def of_a_stranger(folder: Path, closed: Made) -> Artifact:
 def test_the_secret_changes_nothing_public(tmp_path: Path, hidden: Made, closed: Made, is_honest: bool) -> None:
     container = closed["container"] if is_honest else of_a_stranger(tmp_path / "stranger", closed)
     secret, cover = closed["secret"], hidden["cover"]
-    opened, shown = read_gaussians(container), read_container(container, secret)[0]
+    opened, shown = read_gaussians(container), read_container(container, secret).gaussians
     assert (opened[FEATURES].sigmoid() - shown[FEATURES].sigmoid()).abs().max() > 0.1
     exporting = ExportContainerParameters(frames=4)
     exported = run_stage(export_container, exporting, closed | {"cover": cover}, tmp_path / "exported")
@@ -212,7 +212,7 @@ def test_what_was_pruned_is_opened_by_what_was_published(tmp_path: Path, hidden:
     pruned = kept(tmp_path / "pruned", closed["container"], 0.8)
     with pytest.raises(UserError, match="secret belongs to another container, or this container was changed"):
         read_container(pruned, closed["secret"])
-    opened, _ = read_container(pruned, closed["secret"], published=closed["container"])
+    opened = read_container(pruned, closed["secret"], published=closed["container"]).gaussians
     original = read_gaussians(hidden["container"])
     own = {tuple(mean.tolist()): row for row, mean in enumerate(original.means)}
     rows = [own[tuple(mean.tolist())] for mean in opened.means]
@@ -269,7 +269,7 @@ def test_a_container_that_cannot_be_sealed_is_left_as_it_is(tmp_path: Path) -> N
 def test_it_is_left_as_it_is_where_no_seal_is_wanted(tmp_path: Path, hidden: Made) -> None:
     left = sealed(tmp_path / "left", hidden, sealed=False)
     assert torch.equal(features(left["container"]), features(hidden["container"]))
-    opened, _ = read_container(left["container"], left["secret"])
+    opened = read_container(left["container"], left["secret"]).gaussians
     assert torch.equal(opened[FEATURES].sigmoid(), features(hidden["container"]))
 
 

@@ -10,6 +10,7 @@ from scipy.stats import t as student
 
 from stages.analysis.page.tables import Column, mean_of
 from stages.analysis.paper.runs import Run
+from stages.analysis.roc import CONFIDENCE
 
 Figure = Callable[[Run], float]
 """Reads a figure off a run; NaN if it was not measured."""
@@ -28,8 +29,6 @@ class Spread:
     count: int = 0
     worth: float = 1.0
 
-
-CONFIDENCE = 0.95
 
 UNKNOWN = Spread(math.nan)
 """The spread of a figure that was not measured."""

@@ -9,6 +9,7 @@ import pytest
 
 from stages.analysis.attacks.scoring import Scorer
 from stages.analysis.scoring import score
+from stages.hiding.opening import ReadContainer
 from stages.imaging.metric_table import mean_value
 from stages.scene.message_views import MessageViews
 from tests.stages.analysis.attacks.containers import MESSAGE, scene, target_and_owner
@@ -28,7 +29,8 @@ def message() -> dict[str, MessageViews]:
 def test_a_view_that_shows_nothing_of_the_message_does_not_count_for_it() -> None:
     """A container that is black there as well would have infinitely many decibels on average."""
     target, owner = target_and_owner("sh")
-    scores = score(target.gaussians, owner, "sh", scene(), message(), {}, 0, lambda done, total: None)
+    container = ReadContainer(target.gaussians, owner, target.gaussians)
+    scores = score(container, "sh", scene(), message(), {}, 0, lambda done, total: None)
     rows = [row for row in scores.rows if row.message == MESSAGE]
     known = {row.quantity for row in rows if row.view == BLANK and not math.isnan(row.value)}
     assert known == {"coverage", "legal"}
