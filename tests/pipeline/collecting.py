@@ -1,4 +1,4 @@
-"""What several tests of `gc` do with a workspace: collect what nobody needs, and look at what is left."""
+"""What several tests of `gc` share: they collect the garbage of a workspace and look at what is left."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A companion for tests: does what its job says."""
+"""A companion process for tests: it does what its job file says."""
 
 from __future__ import annotations
 

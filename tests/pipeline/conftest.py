@@ -1,4 +1,4 @@
-"""Every test has a workspace, and a kernel cache away from the user's; those that ask for it, a bucket."""
+"""Fixtures: a workspace whose kernel cache is not the user's, and for the tests that ask for it, a bucket."""
 
 from __future__ import annotations
 

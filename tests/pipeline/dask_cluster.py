@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 
 
 class Cluster:
-    """Started in `folder`, where the processes also keep what they say; ended on leaving."""
+    """Started in `folder`, where the processes also write their logs; killed at the end of the `with` block."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -41,13 +41,13 @@ class Cluster:
             process.wait()
 
     def worker(self, name: str, resources: str = "", sources: Path = ROOT) -> subprocess.Popen[bytes]:
-        """A worker without a nanny, whose code is in the folder `sources`."""
+        """Starts a worker without a nanny, which runs the code in the folder `sources`."""
         stated = ["--resources", resources] if resources else []
         options = ["--name", name, "--nthreads", "1", "--no-nanny", "--no-dashboard", "--host", "127.0.0.1"]
         return self._start(name, ["worker", *options, *stated], sources)
 
     def await_workers(self, number: int) -> None:
-        """Returns when so many workers have joined."""
+        """Returns when this many workers have joined."""
         with Client(self.address, set_as_default=False) as client:
             client.wait_for_workers(number, timeout=60)
 
@@ -65,7 +65,7 @@ class Cluster:
 
 
 def wait_until(happened: Callable[[], bool], what: str, seconds: float = 60.0) -> None:
-    """Returns when it happened; fails after far longer than it can take."""
+    """Returns when it has happened; fails after a time far longer than it can take."""
     deadline = time.monotonic() + seconds
     while not happened():
         assert time.monotonic() < deadline, f"waited for: {what}"

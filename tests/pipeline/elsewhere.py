@@ -1,4 +1,4 @@
-"""Machines that keep results in one bucket, in tests: the server, and workspaces whose store is there."""
+"""Machines that share a bucket, in tests: the server of the bucket, and workspaces whose store is in it."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ SECRET = "topsecret"
 
 @dataclass
 class Server:
-    """The server, and the folder by which it is told to fail."""
+    """The server, and the folder through which tests make it fail."""
 
     folder: Path
     port: int
 
     @property
     def requests(self) -> list[str]:
-        """Of all requests since this was last asked for, method and path."""
+        """Method and path of every request since this was last read."""
         file = self.folder / "requests"
         lines = file.read_text().splitlines() if file.exists() else []
         file.unlink(missing_ok=True)
@@ -39,7 +39,7 @@ class Server:
 
 
 def forget_connections() -> None:
-    """Else those with other credentials would be used again."""
+    """Without this, connections with other credentials would be reused."""
     s3fs.S3FileSystem.clear_instance_cache()
 
 
@@ -50,7 +50,7 @@ def await_file(path: Path, process: subprocess.Popen[bytes]) -> None:
 
 
 class Elsewhere(Workspace):
-    """A workspace whose store is in a bucket; `machine` is what has a mirror of its own."""
+    """A workspace whose store is in a bucket. Each `machine` has a mirror of the bucket of its own."""
 
     def __init__(self, folder: Path, address: str, monkeypatch: pytest.MonkeyPatch) -> None:
         super().__init__(folder)
@@ -78,7 +78,7 @@ class Elsewhere(Workspace):
         )
 
     def is_valid(self) -> bool:
-        """Whether every record in the bucket has all its artifacts, every byte of them."""
+        """Whether every record in the bucket has all its artifacts, with every byte sound."""
         store = self.machine(uuid.uuid4().hex).store()
         records = [store.find(key) for key in store.actions]
         return all(record and all(map(store.is_sound, record.outputs.values())) for record in records)

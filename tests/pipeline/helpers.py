@@ -1,4 +1,4 @@
-"""Running small workflows in tests, in this process, with the toy stages."""
+"""Runs small workflows of the toy stages in the test's process."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ PROVENANCE: Mapping[str, object] = {
 
 @dataclass
 class Ran:
-    """What a run did."""
+    """What a run did: its events, by stage and in order, and its summary."""
 
     project: Project
     ended: dict[str, StageEnded]
@@ -69,7 +69,7 @@ class Workspace:
         return make_plan(project.graph, project.store)
 
     def problems(self, *settings: str, vars_files: Sequence[Path] = ()) -> list[str]:
-        """What is wrong with the workflow, without the name of the file."""
+        """What is wrong with the workflow, without the file's name."""
         try:
             self.open(*settings, vars_files=vars_files)
         except WorkflowError as error:

@@ -1,7 +1,7 @@
 """A small world of stages, files and parameters, and a model that says what each stage must make and when it must run.
 
-The world is written to disk as a package of stages, folders and a workflow. The model computes every result by itself,
-and remembers the recipe of everything that was ever made: a stage must run exactly where its recipe is new.
+The world is written to disk as a package of stages, folders and a workflow. The model computes every result by itself
+and remembers the recipe of everything ever made: a stage must run exactly if its recipe is new.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ CLOSURES = {
 
 @dataclass
 class File:
-    """A source file: `constant` decides results, `unused` adds definitions that decide nothing, `text` comments."""
+    """A source file: `constant` changes results, `unused` adds definitions that change nothing, `text` is a comment."""
 
     constant: int = 3
     unused: int = 0
@@ -143,7 +143,7 @@ class Folder:
 
 @dataclass
 class StageNode:
-    """A stage of the workflow; `given` are the parameters that the file states."""
+    """A stage of the workflow; `given` are the parameters that the workflow file states."""
 
     name: str
     kind: str
@@ -170,7 +170,7 @@ class World:
     made: dict[Recipe, Value] = field(default_factory=dict)
 
     def write(self) -> None:
-        """Everything as it is now, to the disk; files that are as they should be are left alone."""
+        """Writes everything to disk as it is now; files that are already right are left alone."""
         wanted = {
             self.root / f"{folder.path}/{name}": data for folder in self.folders for name, data in folder.files.items()
         }

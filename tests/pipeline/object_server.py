@@ -1,11 +1,11 @@
-"""A server of objects as a process of its own, on loopback: moto's S3, made as atomic as the real one, with faults.
+"""An object server in a process of its own, on loopback: moto's S3, made as atomic as the real one, with faults.
 
     python -m tests.pipeline.object_server FOLDER
 
-writes its port to FOLDER/port and every request to FOLDER/requests, and ends with its standard input. Files that a test
-puts into FOLDER make it fail: `deny` refuses all requests; `break` holds how many more of an artifact's files are to
-break off half way; `hold` how many puts go through before one is kept waiting, whereupon FOLDER/held appears. What was
-kept waiting is never done.
+writes its port to FOLDER/port and every request to FOLDER/requests, and ends when its standard input is closed. Files
+that a test puts into FOLDER make it fail. `deny`: all requests are refused. `break`: so many of the next uploads of
+artifacts' files break off. `hold`: so many uploads go through, then one is held back and FOLDER/held appears; when that
+file is deleted, the upload breaks off. Neither kind stores anything.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Server:
                 file.write(f"{method} {path}\n")
             broken = method == "PUT" and "/files/" in path and self.counted_down("break")
             held = method == "PUT" and (self.folder / "hold").exists() and not self.counted_down("hold")
-            if not broken and not held:  # under the lock: moto looks whether an object exists, and then writes it
+            if not broken and not held:  # under the lock: moto checks whether an object exists, and then writes it
                 return list(self.application(environ, start_response))
         if held:
             (self.folder / "held").touch()
@@ -50,7 +50,7 @@ class Server:
         raise ConnectionAbortedError
 
     def counted_down(self, name: str) -> bool:
-        """Whether the number in a file was more than 0; it is one less now."""
+        """Takes 1 from the number in a file, unless it is 0 or the file is absent; whether it did."""
         file = self.folder / name
         left = int(file.read_text()) if file.exists() else 0
         if left:

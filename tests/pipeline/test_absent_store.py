@@ -1,4 +1,4 @@
-"""Looking makes no store: a command that only reads answers as for an empty one, and leaves nothing behind."""
+"""Looking makes no store: a command that only reads answers as for an empty store and leaves nothing behind."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ABSENT = "The store is store, which does not exist yet"
 
 @pytest.fixture
 def here(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> Workspace:
-    """In a folder with a workflow that takes a file and never ran."""
+    """A current folder with a workflow that takes a file and has never run."""
     monkeypatch.delenv("GS_HIDER_STORE", raising=False)
     monkeypatch.chdir(workspace.folder)
     (workspace.folder / "five.txt").write_text("5\n")
@@ -90,7 +90,7 @@ def test_a_workflow_that_cannot_be_read_makes_no_store(here: Workspace, text: st
     ],
 )
 def test_a_mistake_makes_no_store(here: Workspace, arguments: tuple[str, ...]) -> None:
-    """Least of all in the wrong folder, where nobody would look for what it left."""
+    """Least of all in a wrong folder, where nobody would look for it."""
     before = files(here.folder)
     code, output = call("run", *arguments)
     assert code == 2, output
@@ -98,7 +98,7 @@ def test_a_mistake_makes_no_store(here: Workspace, arguments: tuple[str, ...]) -
 
 
 def test_the_first_run_remembers_what_it_learnt(here: Workspace) -> None:
-    """Although the store is made when all was looked at: without that, none says what changed since."""
+    """The store is made after planning. What planning learnt is stored all the same, and later shows what changed."""
     assert call("run", "--serial")[0] == 0
     left = {path.name for path in (here.folder / "store/cache").iterdir()}
     assert {"declarations", "sources"} <= left
@@ -122,7 +122,7 @@ def test_the_store_that_was_read_is_named(here: Workspace) -> None:
 
 
 def test_a_store_in_the_home_folder_is_found(here: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A shell leaves the ~ of `--store=~/store` as it stands."""
+    """A shell does not expand the ~ of `--store=~/store`."""
     monkeypatch.setenv("HOME", str(here.folder))
     here.run()
     assert "5 cached" in call("status", "--store=~/store")[1]
@@ -137,7 +137,7 @@ def test_what_can_be_no_store_is_refused_all_the_same(here: Workspace) -> None:
 
 
 def test_a_bucket_whose_address_lacks_a_slash_is_no_folder(here: Workspace) -> None:
-    """Else results, secrets among them, would lie in a folder called s3: wherever one stands."""
+    """Otherwise results, secrets included, would go to a folder named `s3:` in the current folder."""
     code, output = call("run", "--store", "s3:/bucket/results")
     assert (code, "not a bucket address; found s3:/bucket/results" in output) == (2, True)
     assert not Path("s3:").exists()

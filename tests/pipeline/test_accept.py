@@ -1,4 +1,4 @@
-"""`accept` keeps results after a change of code alone, and everyone hears of it."""
+"""`accept` keeps results after a change of code alone; they, and what is made from them, say so."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def test_others_that_changed_too_are_named(session: Session) -> None:
 
 
 def test_an_item_that_changed_too_is_named_as_a_shell_takes_it(session: Session) -> None:
-    """Brackets without quotes are a pattern of file names."""
+    """Without quotes, a shell takes brackets for a pattern of file names."""
     text = "stages:\n  s: {foreach: {base: [1, 2]}, uses: source, with: {base: '${item.base}'}}\n"
     prepare(session)
     session.workspace.write(text).run()
@@ -176,7 +176,7 @@ def test_what_says_what_was_asked_for_is_refused(
 
 
 def test_what_only_waits_for_code_names_what_to_accept_first(session: Session) -> None:
-    """To run would be the wrong remedy: it makes another result in place of the one that is to be kept."""
+    """Running would be the wrong advice: it replaces the result that is to be kept."""
     ran(session)
     session.world.code["source"].unused += 1
     for name in ("s1", "s2"):

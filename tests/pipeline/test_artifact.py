@@ -1,4 +1,4 @@
-"""Artifacts: what is written is what is read, identity is of the content, damage is noticed."""
+"""Artifacts: what is written is what is read, the digest depends on the content alone, and damage is noticed."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def test_a_flipped_bit_is_noticed(tmp_path: Path) -> None:
 def test_an_artifact_that_is_set_aside_while_it_is_verified_is_not_sound(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moment: int
 ) -> None:
-    """Another run may do so at any time: here just before one of its files is looked at."""
+    """Another run may set it aside at any time: here just before one of its files is read."""
     write(tmp_path / "artifact", np.arange(4))
     artifact = load(tmp_path / "artifact")
     looks, digest = itertools.count(), pipeline.artifact.digest_of_file
@@ -134,7 +134,7 @@ def test_parts_of_an_artifact_that_was_set_aside_are_no_zeros(tmp_path: Path) ->
 
 
 def test_what_is_foreign_costs_nothing(tmp_path: Path) -> None:
-    """A browser of files leaves its own wherever it looks."""
+    """A file browser leaves files of its own wherever it looks."""
     write(tmp_path / "artifact", np.arange(4))
     artifact = load(tmp_path / "artifact")
     (artifact.path / ".DS_Store").write_text("?")
@@ -154,7 +154,7 @@ def test_a_manifest_that_leaves_the_directory_is_refused(tmp_path: Path) -> None
 
 
 def test_chunks_larger_than_their_array_are_refused(tmp_path: Path) -> None:
-    """One number in a chunk of two gibibytes unfolds into them wherever it is read."""
+    """A chunk of two gibibytes that holds one number would take two gibibytes of memory whenever it is read."""
     with create(tmp_path / "a", "numbers") as writer:
         writer.write("values", np.zeros(3), chunks=(3000,))
     manifest = tmp_path / "a" / "manifest.json"

@@ -1,4 +1,4 @@
-"""Names that YAML takes for something else: paths are taken as they were typed, other texts are to be quoted so."""
+"""Names that YAML takes for something else: paths are taken as typed, other texts must be quoted as a message says."""
 
 from __future__ import annotations
 

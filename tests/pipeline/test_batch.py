@@ -1,4 +1,4 @@
-"""Batches: rows of a foreach share what they have in common, and a failed one holds up nothing but itself."""
+"""Batches: rows of a foreach share the work that they have in common, and a failed row holds up no other."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def test_without_being_told_so_nothing_goes_on(batch: Workspace) -> None:
 
 
 def test_the_cause_is_the_same_wherever_files_lie(batch: Workspace, tmp_path: Path) -> None:
-    """Neither the folder of the files nor that of the store enters it."""
+    """Neither the folder of the files nor that of the store is part of it."""
     first = batch.run().ended["page"].key
     moved = tmp_path / "elsewhere"
     moved.mkdir()
@@ -123,7 +123,7 @@ def test_the_cause_is_the_same_wherever_files_lie(batch: Workspace, tmp_path: Pa
 
 
 def test_the_report_waits_for_all_pairs(batch: Workspace) -> None:
-    """Each ends, one way or the other, before the report begins."""
+    """Each pair ends, one way or the other, before the report begins."""
     ran = batch.run(executor=Watched())
     names = [event.name for event in ran.events if isinstance(event, StageEnded)]
     assert names[-1] == "page"
@@ -131,7 +131,7 @@ def test_the_report_waits_for_all_pairs(batch: Workspace) -> None:
 
 
 def test_which_cause_is_told_does_not_depend_on_which_failure_came_first(workspace: Workspace) -> None:
-    """`slow` and `quick` both fail; a stage that takes both is told of the one that it takes first."""
+    """Both `slow` and `quick` fail; a stage that takes both gives the cause of the one listed first."""
     workspace.write("""
         stages:
           base:  {uses: numbers}
@@ -165,7 +165,7 @@ def test_one_node_for_all_rows_that_are_equal_in_what_it_uses(workspace: Workspa
 
 
 def test_equal_work_is_planned_once(workspace: Workspace) -> None:
-    """Also where it is known only that two stages will be given the same."""
+    """Even if only the plan knows that two stages will get the same input."""
     workspace.write("""
         stages:
           a:     {uses: numbers}
@@ -202,7 +202,7 @@ def test_rows_from_yaml_and_from_csv_are_the_same_actions(workspace: Workspace) 
 
 
 def test_a_cause_says_to_its_end_what_to_do() -> None:
-    """Of a batch it is read in the table, where a store and its logs may be far away."""
+    """In a batch, it is read in a table, possibly far from the store and its logs."""
     told = str(UserError("no photos", found="x" * 400, expected="photos " * 100, remedy="Take others."))
     assert lasting_words(told) == told.replace("  ", " ")
     assert lasting_words("endless " * 10_000).endswith("…")

@@ -1,4 +1,4 @@
-"""Equal values have one spelling, different ones different spellings, and the rest is refused."""
+"""Equal values have one spelling, different values have different ones, and all else is refused."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_different_values_are_told_apart(first: object, second: object) -> None:
 
 
 def repr_of(value: object) -> str:
-    """Tells 1, 1.0, True and -0.0 apart, which `==` does not."""
+    """A spelling that tells 1, 1.0, True and -0.0 apart, which `==` does not."""
     if isinstance(value, dict):
         return "{" + ",".join(f"{name!r}:{repr_of(value[name])}" for name in sorted(value)) + "}"
     return f"[{','.join(map(repr_of, value))}]" if isinstance(value, list) else repr(value)
@@ -72,7 +72,7 @@ def test_lookalikes_are_told_apart() -> None:
 
 
 def test_what_has_no_spelling_of_its_own_is_refused() -> None:
-    """Two halves of a character read as the character in JSON, which is another text; and numbers too long to write."""
+    """JSON reads two surrogates as one character, which is another text; and some numbers are too long to write."""
     for value in ("\ud83d\ude00", {"\ud83d\ude00": 1}, 10**5000, frozenset(), 1j, range(2)):
         with pytest.raises((TypeError, ValueError)):
             digest_of(value)

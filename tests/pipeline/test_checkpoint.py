@@ -1,4 +1,4 @@
-"""Checkpoints: whole or not there, one at a time, private, and seldom enough to cost next to nothing."""
+"""Checkpoints: complete or absent, one at a time, private, and rare enough to cost next to nothing."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def test_nobody_else_can_read_them(context: Context) -> None:
 
 
 def test_what_a_kill_left_behind_does_no_harm(context: Context) -> None:
-    """Half a checkpoint aside; a new one in place and the old one still there, whole or half deleted."""
+    """Half a checkpoint, not yet renamed; or a new one, with the old one still there, whole or half deleted."""
     Checkpoints(context).save(numbered(1))
     shutil.copytree(context.scratch / "checkpoint-1", context.scratch / ".checkpoint-0123")
     (context.scratch / ".checkpoint-0123" / "manifest.json").unlink()
@@ -158,7 +158,7 @@ def test_a_full_disk_stops_no_work(context: Context, log: list[str], monkeypatch
 
 @contextmanager
 def full_for(saves: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """The disk takes none of the first `saves` checkpoints."""
+    """The disk refuses the first `saves` checkpoints."""
     publish, left = pipeline.checkpoint.publish, iter(range(saves))
 
     def full(artifact: Artifact, directory: Path) -> Artifact:
@@ -174,7 +174,7 @@ def full_for(saves: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 def test_the_run_says_that_a_disk_is_full_while_work_goes_on(
     workspace: Workspace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Once, not each minute; and whoever stops the work hears that it will go on from further back."""
+    """Once, not every minute; and if the work stops, its cause says that the last checkpoint was not written."""
     workspace.write("stages:\n  a: {uses: keep}\n")
     with full_for(2, monkeypatch):
         ran = workspace.run()
@@ -198,7 +198,7 @@ def test_the_run_says_that_there_is_room_again(workspace: Workspace, monkeypatch
 
 
 def rewrite(checkpoint: Path, change: dict[str, object]) -> None:
-    """Another program's checkpoint: its attributes are others, and its manifest fits them."""
+    """Makes it the checkpoint of another program, with other attributes and a manifest that fits them."""
     manifest = read_manifest(checkpoint)
     replace(manifest, attributes={**manifest.attributes, **change}).write(checkpoint)
 
@@ -222,7 +222,7 @@ def test_other_versions_and_circumstances_are_named(context: Context, log: list[
 
 
 class Clock:
-    """Goes as far as a test says, and by `cost` during each save."""
+    """A clock that only a test moves."""
 
     def __init__(self) -> None:
         self.now = 1000.0
@@ -278,7 +278,7 @@ def test_the_environment_may_set_the_pause(context: Context, monkeypatch: pytest
 
 
 def test_a_checkpoint_knows_what_it_took(tmp_path: Path) -> None:
-    """Over all sessions, each of which began at its own time."""
+    """Over all sessions, but without what came after each checkpoint."""
     clock = Clock()
 
     def session(seconds: float) -> float:
@@ -287,7 +287,7 @@ def test_a_checkpoint_knows_what_it_took(tmp_path: Path) -> None:
         checkpoints.newest()
         clock.now += seconds
         checkpoints.save(STATE)
-        clock.now += 1000  # of what comes after a checkpoint nothing is kept
+        clock.now += 1000  # nothing of what comes after a checkpoint is kept
         return context.seconds_before
 
     assert [session(seconds) for seconds in (30, 5, 1)] == [0, 30, 35]

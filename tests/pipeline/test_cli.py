@@ -34,7 +34,7 @@ def start(workspace: Workspace, command: str, *arguments: str) -> subprocess.Pop
 
 
 def call(workspace: Workspace, command: str, *arguments: str) -> tuple[int, str, str]:
-    """Exit status, stdout and stderr; whatever happens there is no traceback."""
+    """Exit status, stdout and stderr; fails if there is a traceback."""
     process = start(workspace, command, *arguments)
     out, err = process.communicate(timeout=100)
     assert "Traceback" not in err
@@ -42,9 +42,9 @@ def call(workspace: Workspace, command: str, *arguments: str) -> tuple[int, str,
 
 
 def test_run_twice_on_workers(workspace: Workspace) -> None:
-    """Spawned workers do it, the second time nobody does; what came out is what one process makes."""
+    """Spawned workers do everything once; the second run is cached. The keys are those of a run in one process."""
     workspace.write(CHAIN)
-    with socket.socket() as dashboard:  # of another dask
+    with socket.socket() as dashboard:  # another dask's
         with suppress(OSError):
             dashboard.bind(("", 8787))
             dashboard.listen()
@@ -104,7 +104,7 @@ def test_two_runs_at_once_do_each_action_once(workspace: Workspace) -> None:
 
 
 def test_workers_may_use_every_core(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
-    """dask's nanny would set OMP_NUM_THREADS=1; ours only tells idle threads to sleep."""
+    """dask's nanny would set OMP_NUM_THREADS=1; our workers only get a setting that lets idle threads sleep."""
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     monkeypatch.delenv("OMP_WAIT_POLICY", raising=False)
     workspace.write("stages:\n  a: {uses: environment}\n")
@@ -118,7 +118,7 @@ def test_workers_may_use_every_core(workspace: Workspace, monkeypatch: pytest.Mo
 
 @pytest.mark.parametrize("flags", [["--serial"], ["--workers", "1"]])
 def test_interrupted_and_resumed(workspace: Workspace, flags: list[str]) -> None:
-    """Ctrl-C goes to the whole group of processes, as at a terminal."""
+    """Ctrl-C goes to the whole process group, as in a terminal."""
     workspace.write("stages:\n  half: {uses: wait}\n  after: {uses: scale, in: {numbers: half}}\n")
     process = start(workspace, "run", *flags)
     deadline = time.monotonic() + 60
@@ -192,7 +192,7 @@ def test_the_end_names_what_to_open(workspace: Workspace) -> None:
 
 
 def test_a_cached_run_loads_nothing_heavy(workspace: Workspace) -> None:
-    """Neither the stages nor torch, zarr, NumPy or dask: that is what keeps it short."""
+    """It loads neither the stages nor torch, zarr, NumPy or dask, and so is short."""
     workspace.write(CHAIN).run()
     script = (
         "import sys; from pathlib import Path; from pipeline import cli\n"

@@ -1,4 +1,4 @@
-"""Runs on a cluster: a scheduler and workers as separate processes, with resources, and what happens as they die."""
+"""Runs on a cluster, its scheduler and workers separate processes: resources, and what happens when a process dies."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
 
 
 class Background:
-    """A run on a cluster in a thread of its own."""
+    """A run on a cluster, in a thread of its own."""
 
     def __init__(self, workspace: Workspace, executor: DaskExecutor) -> None:
         self.ran: Ran | None = None
@@ -59,7 +59,7 @@ def notes(ran: Ran) -> list[str]:
 
 
 def gates(workspace: Workspace, labels: str, resources: str = "{}") -> Path:
-    """Stages that wait for a gate; returns the folder where they say that they began."""
+    """Writes stages that wait for a gate; returns the folder where they report that they began."""
     folder = workspace.folder / "gates"
     folder.mkdir(exist_ok=True)
     lines = [
@@ -71,7 +71,7 @@ def gates(workspace: Workspace, labels: str, resources: str = "{}") -> Path:
 
 
 def test_resources_choose_the_worker(workspace: Workspace, cluster: Cluster) -> None:
-    """Two stages that want the one GPU run one after the other; one that nobody can run fails and holds up nothing."""
+    """Two stages that want the only GPU run in turn; one that no worker can run fails and holds up no other."""
     folder = gates(workspace, "ab", "{gpu: 1, memory: 500 MB}")
     with workspace.file.open("a") as file:
         file.write("\n  huge: {uses: numbers, resources: {memory: 2 TB, gpu: 3}}")
@@ -101,7 +101,7 @@ def test_resources_are_not_in_the_key(workspace: Workspace) -> None:
 
 
 def test_other_code_at_the_worker_is_refused(workspace: Workspace, tmp_path: Path) -> None:
-    """A stage's, then the engine's: each would have put wrong results under a sound key."""
+    """First a stage's code, then the engine's: either would have stored wrong results under a valid key."""
     copy = tmp_path / "copy"
     for package in ("pipeline", "tests"):
         shutil.copytree(ROOT / package, copy / package, ignore=shutil.ignore_patterns("__pycache__"))
@@ -124,7 +124,7 @@ def test_other_code_at_the_worker_is_refused(workspace: Workspace, tmp_path: Pat
 
 
 def test_interrupted_on_a_cluster(workspace: Workspace, cluster: Cluster) -> None:
-    """Ctrl-C asks the cluster's workers to stop, and they stay for the next run."""
+    """Ctrl-C asks the cluster's workers to stop; they remain for the next run."""
     folder = gates(workspace, "ab")
     process = start(workspace, "run", "--scheduler", cluster.address)
     wait_until(lambda: (folder / "a").is_file() and (folder / "b").is_file(), "both workers work")
@@ -138,7 +138,7 @@ def test_interrupted_on_a_cluster(workspace: Workspace, cluster: Cluster) -> Non
 
 
 def test_workers_of_this_machine_share_what_it_has(workspace: Workspace) -> None:
-    """The same two workers run two small stages together, two large ones one after the other, and one too large not."""
+    """A large and a small stage run together, two large ones in turn; one that is too large fails."""
     folder = gates(workspace, "ab", "{memory: 3 GB}")
     with workspace.file.open("a") as file:
         file.write("\n  c: {uses: numbers, resources: {memory: 1 GB}}")
@@ -157,7 +157,7 @@ def test_workers_of_this_machine_share_what_it_has(workspace: Workspace) -> None
 
 
 def test_a_killed_worker_costs_only_what_it_did(workspace: Workspace, cluster: Cluster) -> None:
-    """Its stage fails, what the other did is kept, and the next run completes on the one that is left."""
+    """Its stage fails, what the other worker did is kept, and the next run completes on the worker that is left."""
     folder = gates(workspace, "abc")
     run = Background(workspace, DaskExecutor(0, cluster.address, patience=2.0))
     wait_until(lambda: (folder / "a").is_file() and (folder / "b").is_file(), "both workers work")
@@ -174,7 +174,7 @@ def test_a_killed_worker_costs_only_what_it_did(workspace: Workspace, cluster: C
 
 
 def test_without_workers_or_scheduler_a_run_ends(workspace: Workspace, tmp_path: Path) -> None:
-    """The only worker dies, and nobody comes; then the scheduler dies in the middle of a stage."""
+    """The only worker dies, and no other comes; then the scheduler dies in the middle of a stage."""
     folder = gates(workspace, "ab")
     with Cluster(tmp_path) as cluster:
         first = cluster.worker("first")
@@ -201,7 +201,7 @@ def test_without_workers_or_scheduler_a_run_ends(workspace: Workspace, tmp_path:
 def test_a_run_that_was_stopped_goes_on(
     workspace: Workspace, cluster: Cluster, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Ctrl-Z for an hour, twice: what it was asking just then has no answer in time. The scheduler is still there."""
+    """Suspended for an hour by Ctrl-Z, twice: what it was just asking the living scheduler is not answered in time."""
     folder = gates(workspace, "a")
     executor = DaskExecutor(0, cluster.address)
     asked, clock, stops, stopped = executor._asked, time.monotonic, iter([3600.0, 3600.0]), threading.Event()
@@ -236,7 +236,7 @@ def test_other_users_of_this_machine_are_refused() -> None:
 
 
 class Unprepared:
-    """Dask, whose workers cannot be prepared."""
+    """dask with workers that cannot be prepared."""
 
     def __init__(self, *anything: object, **more: object) -> None: ...
 
@@ -262,7 +262,7 @@ def test_a_fault_of_this_machine_is_not_told_as_one_of_a_cluster(
 def test_a_run_waits_for_its_own_scheduler_where_others_take_the_cores(
     workspace: Workspace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It is a thread of this process: on an overloaded machine it was given up after half a minute, and the run."""
+    """This scheduler is a thread of the run's own process: on an overloaded machine, it may not answer for long."""
     executor = DaskExecutor(1)
     asked, silent = executor._asked, iter(range(3))
     monkeypatch.setattr(cluster_module, "SILENCE", 0.0)
@@ -274,7 +274,7 @@ def test_a_run_waits_for_its_own_scheduler_where_others_take_the_cores(
 
 
 def test_where_closing_is_interrupted_nothing_is_waited_for_at_exit(monkeypatch: pytest.MonkeyPatch) -> None:
-    """By a second Ctrl-C. dask closes at exit what is still open, and gives processes that are killed ten seconds."""
+    """Closing is interrupted by a second Ctrl-C. At exit, dask closes what is still open, for up to ten seconds."""
     started = []
 
     def starting(count: int) -> LocalCluster:
@@ -294,5 +294,5 @@ def test_where_closing_is_interrupted_nothing_is_waited_for_at_exit(monkeypatch:
     assert not started[0].shutdown_on_close
     assert before
     wait_until(lambda: not any(child.is_alive() for child in before), "workers to be killed")
-    with suppress(TimeoutError):  # what dask waits for here is what nobody waits for at exit
+    with suppress(TimeoutError):  # dask waits here for what nothing waits for at exit
         started[0].close(timeout=1)

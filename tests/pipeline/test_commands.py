@@ -1,4 +1,4 @@
-"""`show`, `export`, `verify`, `gc` and pins as a user meets them; a few as processes, most in this one."""
+"""`show`, `export`, `verify`, `gc` and pins as a user meets them; a few in processes of their own, most in this one."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def test_show_of_damage_is_one_line(chain: Workspace) -> None:
 
 def test_show_into_a_closed_pipe(chain: Workspace) -> None:
     reader, writer = os.pipe()
-    os.close(reader)  # gone before anything is written
+    os.close(reader)  # closed before anything is written
     command = [sys.executable, "-m", "pipeline", "show", "twice"]
     done = subprocess.run(command, cwd=ROOT, stdout=writer, stderr=subprocess.PIPE, text=True, check=False)
     os.close(writer)
@@ -153,7 +153,7 @@ def test_a_full_stick_is_not_the_disk_of_the_store(
     module: ModuleType,
     function: str,
 ) -> None:
-    """Of a file that was opened and cannot be written to the end the system does not say which it is."""
+    """If writing to a file that is open fails, the system does not say which file it was."""
 
     def full(*anything: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -265,7 +265,7 @@ def test_a_store_that_is_not_there_is_not_made(tmp_path: Path, arguments: list[s
 def test_a_folder_of_something_else_is_left_alone(
     workspace: Workspace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: tuple[str], address: str
 ) -> None:
-    """An empty address is what an unset variable of the shell leaves."""
+    """An unset shell variable leaves an empty address."""
     files = [tmp_path / "mine" / folder / "file" for folder in ("code", "logs", "objects", "temporary", "cache")]
     for file in files:
         file.parent.mkdir(parents=True)
@@ -279,7 +279,7 @@ def test_a_folder_of_something_else_is_left_alone(
 
 
 def test_a_run_of_stages_on_the_command_line_does_not_count(chain: Workspace) -> None:
-    """That a run is of a part reaches its journal."""
+    """The journal records that only some stages were run."""
     shutil.rmtree(chain.folder / "store")
     for arguments in ([], ["twice"], ["base", "other"]):
         done = call("run", chain.file, *arguments, "--stages", TOYS, "--serial")

@@ -1,4 +1,4 @@
-"""Companions are heard to their ends, killed with the stage, and their failures told."""
+"""Companion processes: all that they say is heard, they are killed with the stage, and their failures are reported."""
 
 from __future__ import annotations
 

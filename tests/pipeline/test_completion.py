@@ -1,4 +1,4 @@
-"""What the shell is offered: by the functions themselves, and by the program as bash calls it."""
+"""Shell completion: by the functions in this process, and by the program as bash calls it."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ CHOICE = """
 
 @pytest.fixture
 def here(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> Workspace:
-    """In a folder with a workflow that ran, and a folder `workflows`."""
+    """A current folder with a workflow that ran, and a folder `workflows`."""
     workspace.write(CHAIN).run()
     (workspace.folder / "workflows").mkdir()
     (workspace.folder / "workflows" / "hide.yaml").write_text("stages: {}\n")
@@ -125,7 +125,7 @@ def test_values_of_an_annotation(
 
 
 def test_values_where_there_are_a_few(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of the stages that there are: named in place, or under a name of their own."""
+    """Of real stages, whose types list the choices in place or have a name."""
     monkeypatch.chdir(ROOT)
     run = "run workflows/hide_photos.yaml --set"
     assert offered(f"{run} hide.method=") == [f"hide.method={name}" for name in METHODS]
@@ -154,7 +154,7 @@ def test_a_broken_workflow_offers_nothing_and_says_nothing(here: Workspace, text
 
 
 def test_as_bash_calls_it(here: Workspace) -> None:
-    """A process that loads neither the engine nor any library of numbers."""
+    """In a process that loads neither the engine nor any numerical library."""
     heavy = ("torch", "zarr", "numpy", "dask", "distributed", "rich", "pipeline.graph", "stages")
     script = (
         f"import atexit, sys; atexit.register(lambda: print([m for m in {heavy!r} if m in sys.modules]))\n{PROGRAM}"
@@ -172,7 +172,7 @@ def test_as_bash_calls_it(here: Workspace) -> None:
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_the_script_for_a_shell(shell: str) -> None:
-    """Also where the program is called by its module: what a shell completes is the command of its own name."""
+    """Even if the program is called as a module: the shell completes the command `gs-hider`."""
     done = subprocess.run(
         [sys.executable, "-m", "pipeline", "--show-completion", shell],
         cwd=ROOT,
@@ -188,7 +188,7 @@ def test_the_script_for_a_shell(shell: str) -> None:
 
 @pytest.fixture
 def program(here: Workspace, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A command `gs-hider` on the PATH, which completes, and else only says what it was called with."""
+    """A command `gs-hider` on the PATH, which completes, and otherwise only prints what it was called with."""
     program = here.folder / "bin" / "gs-hider"
     program.parent.mkdir()
     program.write_text(
@@ -202,7 +202,7 @@ def program(here: Workspace, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def in_bash(*words: str) -> list[str]:
-    """What bash is offered for the last of the words into which it parts a line."""
+    """What bash offers for the last of the words into which it splits a line."""
     script = (
         'eval "$(_GS_HIDER_COMPLETE=source_bash gs-hider)"\n'
         'COMP_WORDS=(gs-hider "$@"); COMP_CWORD=$#\n'
@@ -226,7 +226,7 @@ def test_in_a_real_bash(program: Path) -> None:
         (["--set", "bad.how", "=", "de"], ["defect", "death"]),
         (["--set", "=", "bad.how", "=", "us"], ["user"]),
         (["--set", "bad.ho"], ["bad.how=user", "bad.how=defect", "bad.how=death", "bad.how=silence"]),
-        (["--set", "bad.how=us"], ["bad.how=user"]),  # without = among COMP_WORDBREAKS
+        (["--set", "bad.how=us"], ["bad.how=user"]),  # if = is not among COMP_WORDBREAKS
         (["--set", "way", "="], ["user", "defect", "death", "silence"]),
         (["--set", "count", "="], ["3"]),
         (["--set", "cover", "="], []),
@@ -237,13 +237,13 @@ def test_in_a_real_bash(program: Path) -> None:
     ],
 )
 def test_bash_parts_words_at_some_signs(here: Workspace, program: Path, words: list[str], offered: list[str]) -> None:
-    """And replaces the last part alone."""
+    """And replaces only the last part."""
     here.write(CHOICE)
     assert in_bash("run", "workflow.yaml", "--stages", TOYS, *words) == offered
 
 
 def test_at_a_terminal(here: Workspace, program: Path) -> None:
-    """What a person types, with Tab, and what the program is called with then."""
+    """What a person types, with Tab, and what the program is then called with."""
     here.write(CHOICE)
     typed = f"gs-hider run workflow.yaml --stages {TOYS} --set bad.ho\tus\t --set count=\t\n"
     screen = typed_into_bash('eval "$(_GS_HIDER_COMPLETE=source_bash gs-hider)"\n' + typed, until="called: ")
@@ -251,7 +251,7 @@ def test_at_a_terminal(here: Workspace, program: Path) -> None:
 
 
 def typed_into_bash(text: str, until: str) -> str:
-    """What is on the screen of a terminal in which bash runs, once a whole line on it begins with `until`."""
+    """What is on the screen of a terminal with bash, once a whole line on it begins with `until`."""
     process, terminal = pty.fork()
     if process == 0:
         os.environ["TERM"] = "dumb"

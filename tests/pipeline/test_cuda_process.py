@@ -1,4 +1,4 @@
-"""What a stage leaves behind on a GPU, of which there is none here: torch is told what CUDA would do."""
+"""What a stage leaves on a GPU. There is none here, so torch is told what CUDA would do."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def fail() -> None:
 
 @pytest.fixture
 def returned(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """How often memory was given back, of a CUDA that works."""
+    """An entry for each time that memory was given back, with a CUDA that works."""
     times: list[str] = []
     monkeypatch.setattr(torch.cuda, "is_initialized", lambda: True)
     monkeypatch.setattr(torch.cuda, "synchronize", lambda: None)
@@ -38,7 +38,7 @@ def test_what_is_free_is_given_back(returned: list[str]) -> None:
 
 
 def test_what_our_own_copies_leave_is_given_back(returned: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also where torch has no CUDA, and OpenCL's GPU has its buffers."""
+    """Even if torch has not used CUDA, since OpenCL keeps buffers on the GPU."""
     holder = SimpleNamespace(return_held_memory=lambda: returned.append("ours"))
     monkeypatch.setitem(sys.modules, "opencl.staging", holder)
     return_gpu_memory()
@@ -49,13 +49,13 @@ def test_what_our_own_copies_leave_is_given_back(returned: list[str], monkeypatc
 
 
 def test_our_own_say_how() -> None:
-    return_gpu_memory()  # of a module that may not be loaded
+    return_gpu_memory()  # of modules that may not be loaded
     assert all(callable(import_module(name).return_held_memory) for name in _HOLDERS)
     return_gpu_memory()
 
 
 def test_nothing_is_asked_of_a_cuda_that_is_broken(returned: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    """It would only fail again, and hide what the stage said."""
+    """It would only fail again, and hide the stage's own error."""
     monkeypatch.setattr(torch.cuda, "synchronize", fail)
     assert cuda_is_broken()
     return_gpu_memory()
@@ -100,7 +100,7 @@ def done(executor: DaskExecutor, work: object) -> int | Lost:
 
 
 def test_a_process_in_which_cuda_is_broken_does_no_more_work(executor: DaskExecutor) -> None:
-    """What comes next is lost without having begun, which the engine tries again, and works in another process."""
+    """The next work is lost before it begins, so the engine tries it again, and it works in another process."""
     broken = done(executor, break_cuda)
     lost = done(executor, process)
     assert isinstance(lost, Lost)

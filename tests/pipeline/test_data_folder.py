@@ -1,4 +1,4 @@
-"""What lies in the user's data folder may complete parameters: what it changes is made again, and nothing else."""
+"""Files in the user's data folder may complete parameters: what this changes is made again, and nothing else."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `show` finds out about an artifact and how it puts it, and what it keeps to itself."""
+"""What `show` reports about an artifact, in which words, and what it keeps back."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ def test_how_it_was_made(workspace: Workspace) -> None:
 
 
 def test_what_made_it_first_is_told_whatever_made_the_same_later(workspace: Workspace) -> None:
-    """As an import of what was published does."""
+    """An import of what was published makes the same again, for example."""
     ran = workspace.write(CHAIN).run()
     workspace.write("name: again\nstages:\n  imported: {uses: numbers, with: {note: again}}\n").run()
     sum_of_both, base = (ran.artifact(*name) for name in (("sum", "total"), ("base",)))
@@ -174,7 +174,7 @@ def test_parameters_of_what_is_private_are_not_told(workspace: Workspace) -> Non
 
 
 def test_what_is_public_does_not_tell_of_its_private_sister(workspace: Workspace) -> None:
-    """A container and its secret come of one action, whose parameters and facts may say what the secret does."""
+    """A container and its secret come from one action, whose parameters and facts may reveal what the secret does."""
     workspace.write("stages:\n  some: {uses: numbers}\n  both: {uses: total, in: {numbers: [some]}}\n")
     ran = workspace.run()
     page = ran.artifact("both", "page")
@@ -244,7 +244,7 @@ DEEP = "[" * 500 + "]" * 500
 )
 @pytest.mark.parametrize("others", [0, 60])
 def test_strange_tables_are_shown_all_the_same(tmp_path: Path, line: str, words: str, others: int) -> None:
-    """Some are no tables, and shown as the lines that they are."""
+    """Some are not tables, and are shown as the lines that they are."""
     with create(tmp_path / "artifact", "things") as writer:
         rows = [json.dumps({"quantity": "psnr", "value": 1.5, "view": number}) for number in range(others)]
         figure = line.replace('{"value"', '{"quantity": "psnr", "value"', 1)

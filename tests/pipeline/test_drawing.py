@@ -1,4 +1,4 @@
-"""The drawing of a graph: well-formed, with every box and arrow, and no two boxes on each other."""
+"""The drawing of a graph is well-formed and has every box and arrow, and no boxes overlap."""
 
 from __future__ import annotations
 

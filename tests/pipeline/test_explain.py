@@ -1,4 +1,4 @@
-"""`explain` says in words which part of a key changed, from what to what."""
+"""`explain` says which part of a key changed, from what to what."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def explained(workspace: Workspace, name: str, *settings: str) -> Explanation:
 
 
 def test_the_way_back_to_what_changed(workspace: Workspace) -> None:
-    """Whether the stages between are waiting, or have run again already."""
+    """Whether the stages in between wait, or have already run again."""
     workspace.write(CHAIN).run()
     told = explained(workspace, "sum", "base.count=2")
     assert told.step.reasons == ("input numbers waits for twice", "input numbers waits for other")
@@ -136,7 +136,7 @@ def test_what_a_cached_result_was_made_of(workspace: Workspace) -> None:
 
 
 def test_the_run_that_made_a_cached_result_is_told_after_a_gc(workspace: Workspace) -> None:
-    """Which keeps more journals than those of the runs whose results it keeps."""
+    """`gc` keeps more journals than those of the runs whose results it keeps."""
     made = workspace.write(CHAIN).run("factor=2").project.store.history.journals("chain")[0].stem
     workspace.run("factor=3")
     collected(workspace, keep_last=1)
@@ -197,7 +197,7 @@ def test_results_of_another_workflow_are_found_by_key(workspace: Workspace) -> N
 
 
 def test_a_journal_is_read_no_oftener_for_many_stages(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Once for who made what is cached, once for who made what the others took: a thousand stages are one question."""
+    """Once for who made what is cached, and once for who made what the others took, even for a thousand stages."""
     workspace.write(CHAIN).run()
     workspace.run("base.count=2")
     project = workspace.open("base.count=2", "twice.factor=7.0")

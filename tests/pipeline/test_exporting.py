@@ -1,4 +1,4 @@
-"""Copies of artifacts: equal to the original, whole or not there at all, closed where they are private."""
+"""Copies of artifacts: equal to the original, complete or absent, and closed to others if private."""
 
 from __future__ import annotations
 
@@ -62,9 +62,9 @@ def test_what_is_no_file_is_never_opened(tmp_path: Path, stands: str) -> None:
     file = original.path / "notes" / "read.txt"
     file.unlink()
     if stands == "pipe":
-        os.mkfifo(file)  # to open it waits for ever
+        os.mkfifo(file)  # opening it would wait for ever
     else:
-        file.symlink_to("/dev/zero")  # to copy it ends when the disk is full
+        file.symlink_to("/dev/zero")  # copying it would end only with a full disk
     with pytest.raises(CorruptArtifact):
         export_artifact(original, tmp_path / "copy", zipped=False)
     assert not (tmp_path / "copy").exists()

@@ -1,4 +1,4 @@
-"""Folders of strangers: what their links lead to is listed, but never all that there is."""
+"""Folders from strangers: their links are followed, but not to a folder above, which could be the whole disk."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_a_link_that_leads_above_itself_is_told_before_all_that_is_there_is_list
 
 
 def test_a_link_to_a_folder_elsewhere_is_followed(tmp_path: Path) -> None:
-    """Many keep photos on another disk."""
+    """Many people keep photos on another disk."""
     for name in ("photos", "elsewhere"):
         (tmp_path / name).mkdir()
     (tmp_path / "elsewhere" / "a.png").write_bytes(b"a")
@@ -43,7 +43,7 @@ def test_a_link_to_a_folder_elsewhere_is_followed(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("is_folder", [False, True])
 def test_the_same_bytes_of_another_name_have_another_digest(tmp_path: Path, is_folder: bool) -> None:
-    """Poses are given for names of photos; where these lie does not matter."""
+    """Poses refer to photos by name; where the photos lie does not matter."""
     digests = []
     for folder, name in (("here", "a.png"), ("there", "a.png"), ("there", "b.png")):
         file = tmp_path / folder / name

@@ -1,4 +1,4 @@
-"""A file that was read is not read again, and one that changed always is, however it was changed."""
+"""A file that has been read is not read again, and one that has changed always is, however it was changed."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ CONTENTS = [b"1111", b"2222", b"333"]
 
 
 class Clock:
-    """Moves the hashing moment forward, so that what was just written counts as long settled."""
+    """Puts the time of hashing ahead, so that what was just written counts as settled long ago."""
 
     def __init__(self) -> None:
         self.ahead = 0
@@ -60,7 +60,7 @@ class Photos:
         return self.cache.digest(self.folder) == contents_of(self.folder).digest
 
     def await_tick(self) -> None:
-        """Until what is written now has a later change time than all that was written before."""
+        """Returns when a file written now gets a later change time than all that were written before."""
         probe = self.root / "probe"
         probe.write_bytes(b"")
         before = probe.stat().st_ctime_ns
@@ -100,7 +100,7 @@ def rename_over(photos: Photos, name: str, data: bytes) -> None:
 
 
 def replace_with_old_times(photos: Photos, name: str, data: bytes) -> None:
-    """As `cp -p` and `touch -d` do."""
+    """Restores the times, as `cp -p` and `touch -d` do."""
     path = photos.folder / name
     before = path.stat()
     path.write_bytes(data)
@@ -154,7 +154,7 @@ WAYS: list[Callable[[Photos, str, bytes], None]] = [
     )
 )
 def test_never_a_stale_digest(edits: list[tuple[Callable[[Photos, str, bytes], None], str, bytes, bool]]) -> None:
-    """Also where the file is replaced within the tick of the clock in which it was read."""
+    """Even if the file is replaced within the clock tick in which it was read."""
     with TemporaryDirectory() as folder:
         photos = Photos(Path(folder))
         assert photos.is_right()
@@ -190,7 +190,7 @@ def test_what_has_just_changed_or_changes_in_the_future_is_not_trusted(photos: P
 
 
 def test_a_photo_from_the_future_is_read_once(photos: Photos, clock: Clock) -> None:
-    """A camera whose clock is wrong writes such a modification time; that of a change nobody can write."""
+    """A camera with a wrong clock writes such a modification time; a change time cannot be set."""
     clock.ahead = SETTLED * 2
     os.utime(photos.folder / "a.jpg", ns=(0, time.time_ns() + SETTLED * 100))
     assert photos.is_right()
@@ -276,7 +276,7 @@ def test_names_that_are_no_text(photos: Photos) -> None:
 
 @pytest.mark.parametrize("inside", [".", "deep/in/it"])
 def test_a_folder_that_the_store_lies_in_is_refused(tmp_path: Path, inside: str) -> None:
-    """What a run writes would change it for ever; a folder of a store is as good as any other."""
+    """What a run writes would change it for ever; a folder inside a store is as good as any other."""
     (tmp_path / "photos").mkdir()
     (tmp_path / "link").symlink_to("photos")
     store = Store(tmp_path / "photos" / inside / "store")

@@ -1,4 +1,4 @@
-"""Which edits of the code repeat a stage, and which do not."""
+"""Which edits of the code make a stage run again, and which do not."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Package:
         self.write("make.py", STAGE.format(imports=imports, version=version, body=body, modules=modules))
 
     def edit(self, name: str, old: str, new: str) -> None:
-        """Seconds later: compiled code of as long a text of the same second would be taken for that of the new one."""
+        """Dated seconds later: otherwise, code compiled from a text of equal length in that second would be used."""
         path = self.folder / name
         text, later = path.read_text(), path.stat().st_mtime + 2
         assert old in text
@@ -71,7 +71,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Package
 
 
 def forget(package: Package) -> None:
-    """As if in a new process."""
+    """Forgets its modules, as a new process would."""
     for name in [name for name in sys.modules if name.partition(".")[0] == package.name]:
         del sys.modules[name]
 
@@ -167,7 +167,7 @@ def test_only_the_selected_module_counts(package: Package, tmp_path: Path) -> No
 
 
 def test_what_a_selected_module_says_of_parameters_is_asked_anew(package: Package, tmp_path: Path) -> None:
-    """How parameters are completed is remembered, and may depend on the module that they select."""
+    """Completed parameters are remembered, and may depend on the module that they select."""
     package.write("methods/__init__.py", "")
     package.write("methods/plain.py", "LAYERS = 1\n")
     package.write_stage(imports="import importlib\nfrom pydantic import model_validator", modules=SELECT)
@@ -196,7 +196,7 @@ def test_what_a_selected_module_says_of_parameters_is_asked_anew(package: Packag
 
 
 def test_what_the_projects_own_package_holds_counts_for_stages_of_another(package: Package, tmp_path: Path) -> None:
-    """Who builds on `stages/` would otherwise be given results of its code as it was."""
+    """Otherwise, stages that build on `stages/` would get results of its earlier code."""
     package.write("lib/low.py", "import stages.scene.similarity\nSIZE = 1\n")
     workspace = Workspace(tmp_path, package.name).write("stages:\n  made: {uses: make}\n")
     assert "stages.scene.similarity" in workspace.open().graph.nodes["made"].code.modules

@@ -1,4 +1,4 @@
-"""What a run does that a person may not expect is told before hours go into it."""
+"""What a person may not expect of a run is said before hours go into it."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Session
 
 
 def run(workspace: Workspace, *arguments: str) -> tuple[str, str]:
-    """What a run of the command line says to programs, and beside that."""
+    """What a run prints for programs, and what it prints beside that."""
     where = ["--store", str(workspace.folder / "store"), "--stages", workspace.package, "--serial", "--json"]
     done = CliRunner().invoke(app, ["run", str(workspace.file), *where, *arguments])
     assert done.exit_code == 0, done.output
@@ -47,7 +47,7 @@ def run(workspace: Workspace, *arguments: str) -> tuple[str, str]:
 
 
 def test_what_is_done_again_for_its_code_alone(session: Session) -> None:
-    """Only before it is done again can what was made before be kept."""
+    """Only before they are made again can the earlier results be kept."""
     assert run(session.workspace)[1] == ""
     for name in ("transform", "merge"):
         session.world.code[name].unused += 1
@@ -72,7 +72,7 @@ def test_many_names_are_cut(session: Session) -> None:
 
 
 def test_another_that_is_the_only_one_of_its_kind(workspace: Workspace) -> None:
-    """With another one, what was published before is not told to be its owner's: he has to know why."""
+    """With a new key, one's own published work is no longer recognised, so its owner must know why there is one."""
     assert workspace.package == TOYS
     workspace.write(DRAWN)
     assert run(workspace)[1] == ""
@@ -87,7 +87,7 @@ def test_another_that_is_the_only_one_of_its_kind(workspace: Workspace) -> None:
 
 @pytest.mark.parametrize("level", [0, 1])
 def test_another_that_no_stage_reads_concerns_nobody(workspace: Workspace, level: int) -> None:
-    """Nothing was made with such a key, so that nothing is lost with it."""
+    """Nothing was made with such a key, so nothing is lost with it."""
     workspace.write(f"{DRAWN}  mark: {{uses: mark, in: {{numbers: base, key: key}}, with: {{level: {level}}}}}\n")
     assert run(workspace)[1] == ""
     told = run(workspace, "--set", "base.first=3")[1].splitlines()

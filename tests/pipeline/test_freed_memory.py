@@ -1,4 +1,4 @@
-"""That memory is kept while a stage works, and given back when it has ended."""
+"""Freed memory is kept while a stage works, and given back when it has ended."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ print(faults[0], full - held())
 
 
 def _page_faults(kept: str, where: str) -> tuple[int, int]:
-    """Of two hundred pieces of 8 MiB, four at a time; and how many bytes are then given back."""
+    """Page faults for two hundred pieces of 8 MiB, four at a time, and how many bytes are then given back."""
     command = [sys.executable, "-c", PIECES, kept, where]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     faults, returned = map(int, done.stdout.split())
@@ -54,9 +54,9 @@ def _page_faults(kept: str, where: str) -> tuple[int, int]:
 
 
 def page_faults_at_work(subject: object, tell: Tell) -> int:
-    """The same, as work of an executor."""
+    """The page faults for such pieces, as the work of an executor."""
     faults = 0
-    for _ in range(2):  # the second time there is memory to be had again
+    for _ in range(2):  # the second time, freed memory can be reused
         before = resource.getrusage(resource.RUSAGE_THREAD).ru_minflt
         for _ in range(50):
             _ = [bytearray(8 << 20) for _ in range(4)]
@@ -67,7 +67,7 @@ def page_faults_at_work(subject: object, tell: Tell) -> int:
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="other allocators are left as they are")
 @pytest.mark.parametrize("where", ["thread", "main"])
 def test_pieces_are_kept_while_working_and_given_back_afterwards(where: str) -> None:
-    """In a thread, too: there the workers work."""
+    """Also in a thread, in which the workers work."""
     without, _ = _page_faults("as it is", where)
     faults, returned = _page_faults("kept", where)
     assert faults < without / 20

@@ -1,4 +1,4 @@
-"""`gc`: what is kept is all that a rerun of the kept runs needs, and what is pinned or young."""
+"""`gc` keeps all that a rerun of the kept runs needs, and what is pinned or young."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_the_last_runs_stay_and_older_ones_go(chain: Workspace) -> None:
 
 
 def test_runs_are_in_order_though_the_clock_was_wrong_once(chain: Workspace) -> None:
-    """Those of the days when it was a year ahead were taken for the last ones ever after."""
+    """Otherwise, runs from when the clock was ahead would count as the last ones ever after."""
     chain.run("factor=2")
     for journal in store_of(chain).history.journals("chain"):
         journal.rename(journal.with_name(f"2999{journal.name[4:]}"))
@@ -56,7 +56,7 @@ def test_runs_are_in_order_though_the_clock_was_wrong_once(chain: Workspace) -> 
 
 
 def test_what_cannot_be_made_again_stays(workspace: Workspace) -> None:
-    """A key of a scene that was hidden long ago: with it a run makes the same container again, to the last bit."""
+    """Such as the key of a scene hidden long ago: with it, a run makes the same container again, to the last bit."""
     workspace.write("""
         name: hides
         stages:
@@ -79,7 +79,7 @@ def test_what_cannot_be_made_again_stays(workspace: Workspace) -> None:
 def test_a_dry_run_deletes_nothing(chain: Workspace) -> None:
     chain.run("factor=2")
     chain.run("factor=3")
-    gc.collect()  # a run's own temporary folder goes with it, and a run is a cycle: not while what is there is compared
+    gc.collect()  # a run is a reference cycle, whose temporary folder goes with it: not while files are compared
     store = store_of(chain)
     before = sorted(path for path in store.root.rglob("*") if "locks" not in path.parts)
     collection = collect(store, Rules(keep_last=1))
@@ -92,7 +92,7 @@ def test_a_dry_run_deletes_nothing(chain: Workspace) -> None:
 
 
 def test_a_run_of_a_part_pushes_nothing_out(chain: Workspace) -> None:
-    """However many runs of one stage follow, the last whole run is still all there."""
+    """However many runs of one stage follow, the last whole run is kept."""
     chain.run("factor=2")
     for factor in (3, 4, 5):
         chain.run(f"factor={factor}", stages=["twice"])
@@ -102,7 +102,7 @@ def test_a_run_of_a_part_pushes_nothing_out(chain: Workspace) -> None:
 
 
 def test_an_interrupted_run_pushes_nothing_out(chain: Workspace) -> None:
-    """A killed run's journal has no end, and so it does not count."""
+    """The journal of a killed run has no end, so the run does not count."""
     chain.run("factor=2")
     for factor in (3, 4):
         chain.run(f"factor={factor}")
@@ -113,7 +113,7 @@ def test_an_interrupted_run_pushes_nothing_out(chain: Workspace) -> None:
 
 
 def test_a_result_whose_line_was_lost_stays(chain: Workspace) -> None:
-    """A full disk costs a line of the journal; the link in `latest` is there all the same."""
+    """A full disk may cost a line of the journal; the link in `latest` is still there."""
     chain.run("factor=2")
     chain.run("factor=3")
     journal = store_of(chain).history.journals("chain")[0]
@@ -125,7 +125,7 @@ def test_a_result_whose_line_was_lost_stays(chain: Workspace) -> None:
 
 
 def test_runs_that_fail_keep_what_succeeded_before(workspace: Workspace) -> None:
-    """The last result of a stage stays, with all that it was made from, though that is not of the last run."""
+    """A stage's last result stays, with all that it was made from, though the last run did not make it."""
     text = """
         name: chain
         vars: {first: 0}
@@ -162,7 +162,7 @@ def test_what_two_workflows_share_stays_for_both(chain: Workspace) -> None:
 
 
 def test_a_pin_survives_a_power_cut(chain: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its name is flushed after it is given."""
+    """The folder is flushed after the pin has its name in it."""
     store, order, fsync, link = chain.run().project.store, [], os.fsync, os.link
 
     def flushed(descriptor: int) -> None:
@@ -182,7 +182,7 @@ def test_a_pin_survives_a_power_cut(chain: Workspace, monkeypatch: pytest.Monkey
 
 
 def test_nobody_else_can_read_a_pin(tmp_path: Path) -> None:
-    """Nor one that lies in a folder opened by hand: names of stages may tell of a message."""
+    """Not even in a folder that was opened by hand: names of stages may reveal a message."""
     folder, before = tmp_path / "pins", os.umask(0)
     try:
         Pins(folder).add("paper", Pin("chain", "now", {}))
@@ -224,7 +224,7 @@ def test_a_pin_that_cannot_be_read_stops_everything(chain: Workspace) -> None:
 
 
 def test_a_record_that_cannot_be_read_stops_everything(chain: Workspace) -> None:
-    """A disk that just does not answer must not cost what the record names."""
+    """If a disk briefly fails to answer, what the record names must not be lost."""
     ran = chain.run("factor=2")
     store = store_of(chain)
     file = store.root / "actions" / str(ran.ended["base"].key) / "record.json"

@@ -1,4 +1,4 @@
-"""`gc`: wherever it breaks off, and on a full disk, the store is valid."""
+"""`gc`: wherever it breaks off, and on a full disk, the store stays valid."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def chain(workspace: Workspace) -> Workspace:
 
 
 def test_a_full_disk_is_made_room_on(chain: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
-    """To move something aside takes a folder and a lock."""
+    """Moving something aside would take a folder and a lock, for which there is no room."""
     for factor in (2, 3):
         chain.run(f"factor={factor}")
     store = store_of(chain)
@@ -49,7 +49,7 @@ def test_a_full_disk_is_made_room_on(chain: Workspace, monkeypatch: pytest.Monke
 
 
 def test_broken_off_on_a_full_disk(chain: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is half deleted is nothing any more: it has lost what makes it whole first."""
+    """A half-deleted artifact no longer counts: its manifest goes first."""
     store = chain.run().project.store
     digest = next(iter(store.objects))
 
@@ -63,7 +63,7 @@ def test_broken_off_on_a_full_disk(chain: Workspace, monkeypatch: pytest.MonkeyP
 
 
 def test_a_lock_is_shared_by_who_may_read_it(chain: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
-    """NFS locks ranges of bytes in place of files, and shares none over a descriptor that cannot read."""
+    """NFS locks byte ranges, not files: a shared lock needs a readable descriptor, an exclusive one a writable one."""
     store, flock = store_of(chain), fcntl.flock
 
     def over_nfs(file: IO[bytes], operation: int) -> None:
@@ -89,7 +89,7 @@ def test_no_run_may_go_on_meanwhile(chain: Workspace) -> None:
 
 
 def test_broken_off_at_any_step_the_store_is_valid(chain: Workspace, tmp_path: Path) -> None:
-    """Before each step, and within it: what is to be deleted has been moved aside, and is not deleted yet."""
+    """Broken off before each step in turn; the next collection does the rest."""
     for factor in (2, 3, 4):
         chain.run(f"factor={factor}")
     original = tmp_path / "original"
@@ -130,7 +130,7 @@ with store.in_use(alone=True):
 
 @pytest.mark.parametrize("number", [0, 3])
 def test_killed_while_it_deletes(chain: Workspace, number: int) -> None:
-    """What it was deleting lies in `temporary`, and the lock died with the process."""
+    """What it was deleting is in `temporary`, and its lock died with the process."""
     for factor in (2, 3, 4):
         chain.run(f"factor={factor}")
     store = store_of(chain)

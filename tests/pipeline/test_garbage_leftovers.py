@@ -1,4 +1,4 @@
-"""`gc`: checkpoints, damaged things, journals and what else lies about go when they are worth nothing any more."""
+"""`gc`: checkpoints, damaged data, journals and other leftovers go once they are of no use."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_checkpoints_that_may_be_worth_something_stay(chain: Workspace) -> None:
 
 
 def test_checkpoints_of_unfinished_work_stay_for_two_weeks(chain: Workspace) -> None:
-    """As the help of `gc` says: whoever comes back from a holiday goes on."""
+    """As the help of `gc` says, so that work can resume after a holiday."""
     store = store_of(chain)
     for name, days in (("a", 13), ("b", 15)):
         folder, then = store.folder("scratch", name * 64), time.time() - days * 86400
@@ -70,7 +70,7 @@ def test_a_checkpoint_of_a_run_that_no_longer_counts_goes_when_it_is_old(chain: 
 
 
 def test_a_checkpoint_of_what_is_being_made_again_stays(chain: Workspace) -> None:
-    """Where an artifact was damaged its record is there all the same."""
+    """The record of a damaged artifact is still there."""
     ran = chain.run()
     store = store_of(chain)
     folder = store.folder("scratch", str(ran.ended["twice"].key))
@@ -86,7 +86,7 @@ def test_a_checkpoint_of_what_is_being_made_again_stays(chain: Workspace) -> Non
 
 
 def test_a_folder_with_nothing_in_it_is_no_checkpoint(workspace: Workspace) -> None:
-    """Every stage is given one, and whoever fails or is interrupted before it saves anything leaves it empty."""
+    """Every stage gets one, and it stays empty if the stage fails or is interrupted before it saves anything."""
     workspace.write("stages:\n  base: {uses: numbers}\n  bad: {uses: fail, in: {numbers: base}}\n").run()
     store = store_of(workspace)
     (left,) = (store.root / "scratch").iterdir()
@@ -126,7 +126,7 @@ def test_leftovers_go(chain: Workspace) -> None:
     store.folder("code").joinpath("0.json").write_text("{}")
     store.folder("logs", "gone").joinpath("a.log").write_text("said")
     collected(chain)
-    assert not list((store.root / "temporary").glob("of-a-dead-process*"))  # a name drawn at random may spell dead
+    assert not list((store.root / "temporary").glob("of-a-dead-process*"))  # a name drawn at random may contain "dead"
     assert not (store.root / "code" / "0.json").exists()
     assert not (store.root / "logs" / "gone").exists()
     assert (store.root / "logs" / "chain").exists()
@@ -135,7 +135,7 @@ def test_leftovers_go(chain: Workspace) -> None:
 
 
 def test_names_of_files_go_with_what_was_made_from_them(workspace: Workspace) -> None:
-    """A plan that reads a file again writes them again."""
+    """A plan that reads a file again records its name again."""
     file, text = workspace.folder / "message.txt", "name: of_file\nstages:\n  base: {uses: numbers, with: {file: %s}}\n"
     listings = workspace.folder / "store" / "external"
     for number in (1, 2):
@@ -153,7 +153,7 @@ def test_names_of_files_go_with_what_was_made_from_them(workspace: Workspace) ->
 
 
 def test_what_can_be_computed_again_goes_when_it_is_of_no_use(workspace: Workspace) -> None:
-    """When it was last of use tells the later one of two times: not every disk notes when a file is read."""
+    """The later of two times tells when it was last used: not every disk notes when a file is read."""
     store = store_of(workspace)
     lately, long_ago = (time.time() - days * 86400 for days in (CACHE_DAYS - 1, CACHE_DAYS + 1))
     kinds, times = {"declarations", "external", "sources"}, {"used": (lately, long_ago), "new": (long_ago, lately)}
@@ -168,7 +168,7 @@ def test_what_can_be_computed_again_goes_when_it_is_of_no_use(workspace: Workspa
 
 
 def test_what_is_remembered_of_files_goes_with_a_forgotten_workflow(chain: Workspace) -> None:
-    """Names of files may tell of a message."""
+    """Names of files may reveal a message."""
     chain.run()
     store = store_of(chain)
     store.folder("cache", "external").joinpath("of-a-folder.json").write_text("{}")
@@ -180,7 +180,7 @@ def test_what_is_remembered_of_files_goes_with_a_forgotten_workflow(chain: Works
 
 
 def test_old_journals_go_but_not_the_last_word_on_a_stage(chain: Workspace) -> None:
-    """A stage that failed ever since has its last result far back."""
+    """The last result of a stage that has failed ever since is far back."""
     text = "name: chain\nstages:\n  late: {uses: %s}\n  base: {uses: numbers}\n"
     chain.write(text % "measure").run()
     chain.write("name: chain\nstages:\n  late: {uses: fail, in: {numbers: base}}\n  base: {uses: numbers}\n")

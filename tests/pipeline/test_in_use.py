@@ -1,4 +1,4 @@
-"""A store whose files cannot be locked is told by its name, and what to do about it."""
+"""A store whose files cannot be locked is refused by name, with what to do about it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pipeline.store import Store
 @pytest.mark.parametrize("error", [errno.ENOLCK, errno.EOPNOTSUPP])
 @pytest.mark.parametrize("alone", [False, True])
 def test_a_disk_without_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: int, alone: bool) -> None:
-    """As NFS is without its lock manager."""
+    """Such as NFS without its lock manager."""
 
     def no_locks(file: IO[bytes], operation: int) -> None:
         raise OSError(error, os.strerror(error))

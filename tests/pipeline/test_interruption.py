@@ -1,4 +1,4 @@
-"""Which signals ask a run to stop, and which ask it again."""
+"""Which signals ask a run to stop, and which of them ask it again."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.pipeline.helpers import Workspace
 
 @pytest.fixture(autouse=True)
 def heeded() -> Iterator[None]:
-    """Whoever runs the tests may have these signals ignored, as `nohup` has."""
+    """The tests may have been started with these signals ignored, as by `nohup`."""
     before = {number: signal.signal(number, signal.SIG_DFL) for number in STOPPING}
     yield
     for number, handler in before.items():
@@ -23,7 +23,7 @@ def heeded() -> Iterator[None]:
 
 @pytest.mark.parametrize("first", STOPPING)
 def test_only_ctrl_c_asks_again(first: signal.Signals) -> None:
-    """A hangup comes twice, from the shell and from the kernel, and nobody wishes the run to stop at once by it."""
+    """A hangup comes twice, from the shell and from the kernel, but nobody means it to stop the run at once."""
     asked: list[None] = []
     with interruptible(lambda: asked.append(None)):
         signal.raise_signal(first)

@@ -1,4 +1,4 @@
-"""Links in a store that came from elsewhere: nothing that they lead to is deleted, listed or closed."""
+"""Links in a store from elsewhere: nothing that they lead to is deleted, listed or closed to others."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ DIGEST = "0" * 64
 
 @pytest.fixture
 def home(tmp_path: Path) -> Path:
-    """Folders that look like those of a store, to whoever follows a link."""
+    """Folders that look like those of a store to whatever follows a link."""
     home = tmp_path / "home"
     for name in ("chain/old.log", "a.jsonl", "evil/old.jsonl", f"{DIGEST}/file", "private/a.log"):
         (home / name).parent.mkdir(parents=True, exist_ok=True)
@@ -66,7 +66,7 @@ def test_what_links_lead_to_is_left_alone(workspace: Workspace, home: Path, name
 
 
 def test_nothing_is_written_into_what_a_link_leads_to(workspace: Workspace, home: Path) -> None:
-    """Neither logs, of which old ones are deleted, nor what is damaged, whose folder is closed to others."""
+    """Neither logs, since old ones are deleted, nor damaged data, since its folder is closed to others."""
     store = workspace.write(CHAIN).run().project.store
     (store.root / "logs").rename(workspace.folder / "before")
     for name in ("logs", "damaged"):

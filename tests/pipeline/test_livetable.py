@@ -34,7 +34,7 @@ def console(width: int = 120, height: int = 25) -> Console:
 
 
 def shown(display: LiveTable, on: Console) -> list[str]:
-    """The lines of the table as it is now."""
+    """The lines of the table at this moment."""
     with on.capture() as capture:
         on.print(display.table())
     return [line.rstrip() for line in capture.get().splitlines()]
@@ -58,7 +58,7 @@ WORK: list[Event] = [
 
 
 def test_a_row_for_what_runs_and_counts_of_the_rest(clock: Clock) -> None:
-    """How long it still takes is told from its pace: it had gone half the way in another run."""
+    """The remaining time follows from this run's pace: an earlier run had done the first half."""
     on = console()
     display = LiveTable(on, "hide_multi", 4)
     tell(display, clock, *WORK, StageEnded("cover", "cached", "5e", 0.0, {}), failed("bad"))
@@ -70,7 +70,7 @@ def test_a_row_for_what_runs_and_counts_of_the_rest(clock: Clock) -> None:
 
 
 def test_names_are_counted_not_events(clock: Clock) -> None:
-    """A stage whose result was damaged ends twice, and one that fails at first may end well."""
+    """A stage whose result was damaged ends twice, and one that fails at first may succeed in the end."""
     on = console()
     display = LiveTable(on, "w", 2)
     ran = StageEnded("a", "ran", "5e", 1.0, {})
@@ -96,7 +96,7 @@ def test_it_fits_the_terminal(clock: Clock, width: int) -> None:
 
 
 def test_ten_thousand_stages(clock: Clock) -> None:
-    """A screenful at most; nothing scrolls by but notes, and failures are said at the end."""
+    """At most a screenful; only notes scroll by, and failures are repeated at the end."""
     on = console(height=20)
     with LiveTable(on, "batch", 10_000) as display:
         for number in range(9_000):

@@ -1,4 +1,4 @@
-"""A process that runs other code than an action's key stands for refuses the action."""
+"""A process whose code is not that which an action's key stands for refuses the action."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def planned() -> Code:
-    """The code behind a stage, as a run that is planned now has it."""
+    """The code behind a stage, as a run planned now sees it."""
     return SourceTree((PACKAGE,)).code((f"{PACKAGE}.work",))
 
 
@@ -49,7 +49,7 @@ def test_sources_that_differ_are_refused(package: Path) -> None:
 
 
 def test_what_counts_is_what_was_imported(package: Path) -> None:
-    """A worker that lives from run to run does not notice that a module was edited; this does."""
+    """A worker that lives from run to run does not notice that a module was edited; this check does."""
     before = planned()
     importlib.import_module(f"{PACKAGE}.work")
     LoadedCode(before).check()
@@ -63,7 +63,7 @@ def test_what_counts_is_what_was_imported(package: Path) -> None:
 
 
 def test_what_another_stage_loaded_counts_too(package: Path) -> None:
-    """As remarks do after the last check, and whatever a stage loads that fails before its first."""
+    """Remarks load code after the last check, and so may a stage that fails before its first."""
     (package / "other.py").write_text("")
     other = SourceTree((PACKAGE,)).code((f"{PACKAGE}.other",))
     importlib.import_module(f"{PACKAGE}.work")

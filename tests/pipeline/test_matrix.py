@@ -1,4 +1,4 @@
-"""Rows of `foreach` and `matrix`: which there are, in which order, what they are called, and who goes with whom."""
+"""Rows of `foreach` and `matrix`: which there are, their order, their names, and which belong together."""
 
 from __future__ import annotations
 
@@ -166,7 +166,7 @@ def test_of_many_equal_rows_some_are_told(workspace: Workspace) -> None:
 
 
 def test_rows_that_share_a_value_are_told_apart_in_time_that_grows_with_their_number() -> None:
-    """Forty thousand looked at each beside all before it would take minutes."""
+    """Comparing each of forty thousand with all before it would take minutes."""
     rows, problems = rows_of("matrix", {"cover": ["fox"], "tens": list(range(200)), "ones": list(range(200))})
     assert not problems
     assert rows is not None
@@ -183,7 +183,7 @@ def test_a_value_of_a_million_letters_names_a_row_by_the_first() -> None:
 
 
 def test_paths_that_are_spelt_alike_and_lead_elsewhere_are_two(workspace: Workspace, tmp_path: Path) -> None:
-    """`--set` is relative to the current directory, the workflow to its file."""
+    """Paths in `--set` are relative to the current directory, those in a workflow to its file."""
     (workspace.folder / "n.txt").write_text("1")
     here = Path.cwd()
     (tmp_path / "other").mkdir()
@@ -231,7 +231,7 @@ def test_what_is_wrong_in_a_workflow(workspace: Workspace, stages: str, problem:
 def test_stages_of_the_same_rows_go_row_by_row(
     tmp_path_factory: pytest.TempPathFactory, table: tuple[list[str], list[tuple[object, ...]]], data: st.DataObject
 ) -> None:
-    """Whether rows are spelled as rows or as columns: each takes from its own row, and one from outside from all."""
+    """Given as rows or as columns: each stage takes from its own row, and one without rows takes from all."""
     names, values = table
     used = data.draw(st.sampled_from(names))
     rows = [dict(zip(names, row, strict=True)) for row in values]
@@ -261,7 +261,7 @@ def test_stages_of_the_same_rows_go_row_by_row(
 
 
 def test_columns_that_rows_of_a_setting_lack_are_told_once(workspace: Workspace) -> None:
-    """Not once for every place that takes one."""
+    """And not once for every place that uses one."""
     workspace.write("""
         vars:
           rows:

@@ -1,4 +1,4 @@
-"""Names of artifacts: what a person may type, and what is said where that is nothing or not enough."""
+"""Names of artifacts: what may be typed, and what is said if that names nothing or too much."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_names_in_latest(folder: Path, text: str, name: str) -> None:
 
 
 def test_a_whole_name_means_itself(workspace: Workspace) -> None:
-    """Of a stage that was an item of a foreach in between, the items are there still."""
+    """If the stage had a foreach in between, the artifacts of its items are still there."""
     plain = "name: each\nstages:\n  pair: {uses: numbers}\n"
     workspace.write(plain).run()
     workspace.write(EACH).run()
@@ -99,7 +99,7 @@ def test_a_start_that_two_digests_share(folder: Path) -> None:
 
 
 def test_what_an_earlier_run_made_is_to_be_had_again(workspace: Workspace) -> None:
-    """A run with a wrong folder must not look as if all were lost."""
+    """After a run with a wrong folder, it must not look as if everything were lost."""
     workspace.write(CHAIN).run()
     twice = 'twice: {uses: scale, in: {numbers: base}, with: {factor: "${factor}"}}'
     workspace.write(CHAIN.replace(twice, "twice: {uses: fail, in: {numbers: base}}")).run()

@@ -1,7 +1,7 @@
 """Never stale, never needlessly rerun: random worlds, random edits, and a model that says what must run.
 
-After every edit the stages that run are exactly those of the model, what they hold is what it computes, the plan said
-so before, and at the end a run into an empty store makes the same artifacts bit for bit.
+After every edit, the stages that run are exactly those of the model, they hold what it computes, and the plan said so
+before. At the end, a run into an empty store makes the same artifacts bit for bit.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ CODE = [name for name in TEMPLATES if "__init__" not in name]
 
 @st.composite
 def worlds(draw: st.DrawFn) -> tuple[list[StageNode], list[Folder]]:
-    """A stage of each kind, both methods, and up to three more, each taking from those before it."""
+    """A stage of each kind, both methods, and up to three more stages, each of which takes from earlier ones."""
     nodes, folders = whole_world()
     for index in range(len(nodes), draw(st.integers(5, 8))):
         kind = draw(st.sampled_from(KINDS))
@@ -75,7 +75,7 @@ def edit_a_constant(world: World, data: st.DataObject) -> None:
 
 
 def add_a_definition(world: World, data: st.DataObject) -> None:
-    """Which changes no result: what takes from it is not run again."""
+    """It changes no result, so what takes from the result does not run again."""
     world.code[data.draw(st.sampled_from(list(TEMPLATES)))].unused += 1
 
 
@@ -163,21 +163,21 @@ assert set(EDITS) > HARMLESS
 
 @pytest.fixture(scope="module", autouse=True)
 def _quiet_imports() -> Iterator[None]:
-    """Compiled files are told apart by size and whole seconds, which is too coarse for edits as quick as these."""
+    """Python tells compiled files apart by size and whole seconds, which is too coarse for such quick edits."""
     before, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     yield
     sys.dont_write_bytecode = before
 
 
 def forget(package: str) -> None:
-    """As if in a new process."""
+    """Forgets a package's modules, as a new process would."""
     importlib.invalidate_caches()
     for name in [name for name in sys.modules if name.partition(".")[0] == package]:
         del sys.modules[name]
 
 
 def check(world: World, workspace: Workspace) -> Ran:
-    """Plans and runs; compares both with the model."""
+    """Plans and runs, and compares both with the model."""
     world.write()
     forget(world.package)
     values, new, recipes = world.expected()
@@ -201,7 +201,7 @@ def check(world: World, workspace: Workspace) -> Ran:
 
 
 class Session:
-    """A world on the disk, and its workspace; the packages of sessions have different names."""
+    """A world on the disk and its workspace; the package of each session has a name of its own."""
 
     count = 0
 
@@ -220,7 +220,7 @@ class Session:
 
 
 class Edited(SerialExecutor):
-    """Someone edits after the plan, before the first stage begins."""
+    """Someone edits after the plan, just before a stage begins."""
 
     def __init__(self, edit: Callable[[], object]) -> None:
         super().__init__()
@@ -281,7 +281,7 @@ def test_code_that_changes_between_plan_and_work_fails_the_stage() -> None:
 
 
 def test_code_that_was_loaded_before_it_was_edited_fails_the_stage() -> None:
-    """As by the worker of a cluster that has run for days."""
+    """As in a cluster's worker that has run for days."""
     with TemporaryDirectory() as folder, Session(Path(folder), *whole_world()) as session:
         check(session.world, session.workspace)
         session.world.code["lib.c"].constant += 1

@@ -1,4 +1,4 @@
-"""Two runs of one workflow write the same logs and links: who starts the second is told."""
+"""Two runs of one workflow write the same logs and links, so the second says that there is another."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_each_is_seen_until_it_ends(workspace: Workspace) -> None:
 
 
 def test_where_it_cannot_be_seen_nothing_fails(workspace: Workspace) -> None:
-    """As on a full disk, or where something else has that name."""
+    """As on a full disk, or if something else has that name."""
     store = Store(workspace.folder / "store")
     (store.folder("locks") / "runs").touch()
     with beside_others(store, "single") as others:

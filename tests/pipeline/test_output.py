@@ -1,4 +1,4 @@
-"""A terminal, or whoever reads a pipe, that goes away during a run: the run goes on, and ends as it would have."""
+"""A terminal or a pipe's reader goes away during a run: the run goes on, and ends as it would have."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from tests.pipeline.helpers import TOYS, Workspace
 
 @contextmanager
 def printed_into_a_pipe(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[int, TextIO]]:
-    """Has this process print into a pipe, as `|& tee` does, and gives the end that is read."""
+    """Makes this process print into a pipe, as `|& tee` does; yields the end to read from and the other."""
     read, write = os.pipe()
     printed = os.fdopen(write, "w", buffering=1)
-    with monkeypatch.context() as patch:  # not in a fixture: pytest captures what a test prints from its call on
+    with monkeypatch.context() as patch:  # not in a fixture: pytest redirects both streams again when it calls the test
         patch.setattr(sys, "stdout", printed)
         patch.setattr(sys, "stderr", printed)
         yield read, printed
@@ -37,7 +37,7 @@ def printed_into_a_pipe(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[int, 
 
 
 def run(workspace: Workspace, *flags: str) -> object:
-    """The exit status of `run` in this process, where it is another than 0."""
+    """Calls `run` in this process; returns its exit status if that is not 0."""
     store = str(workspace.folder / "store")
     arguments = ["run", str(workspace.file), "--stages", TOYS, "--store", store, "--serial", *flags]
     return cli.app(arguments, standalone_mode=False)
@@ -49,14 +49,14 @@ def test_nobody_reads(workspace: Workspace, monkeypatch: pytest.MonkeyPatch, fla
     with printed_into_a_pipe(monkeypatch) as (read, printed):
         os.close(read)
         assert run(workspace, *flags) == 1
-        printed.flush()  # as Python does when it exits: an error there would change the exit status
+        printed.flush()  # as Python does at exit: an error there would change the exit status
     plan = workspace.plan()
     assert plan["a"].state == "cached"
     assert plan["b"].failed, "the run went on after the end of the first stage"
 
 
 def test_the_reader_of_a_pipe_dies_of_ctrl_c_first(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The stage saves its checkpoint all the same, and the run ends as one that was interrupted."""
+    """The stage still saves its checkpoint, and the run ends as an interrupted one."""
     workspace.write("stages:\n  a: {uses: wait}\n")
 
     def tee(read: int) -> None:
@@ -112,7 +112,7 @@ def test_what_cannot_be_printed_is_spelled(workspace: Workspace, encoding: str, 
 
 @pytest.mark.parametrize("closed", [1, 2])
 def test_a_stream_that_was_closed_before(workspace: Workspace, closed: int) -> None:
-    """`>&-` and `2>&-`: the exit status is as ever, and so is what the stage makes."""
+    """With `>&-` or `2>&-`, the exit status is 0 as ever, and the stage makes its result."""
     workspace.write("stages:\n  a: {uses: say, with: {word: nothing}}\n")
     arguments = ["--stages", TOYS, "--store", str(workspace.folder / "store"), "--serial"]
     done = subprocess.run(

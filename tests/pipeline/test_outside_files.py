@@ -1,4 +1,4 @@
-"""What lies outside is read when all else of a workflow is right: a mistake is told before gigabytes are."""
+"""Files outside the store are read only if the workflow has no other mistake, so gigabytes are not read in vain."""
 
 from __future__ import annotations
 

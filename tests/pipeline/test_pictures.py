@@ -1,4 +1,4 @@
-"""Pictures in arrays and files: which there are, and that the PNG files hold the same pixels."""
+"""Pictures in arrays and files: which there are, and that the PNG files have the same pixels."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_colours_and_greys_pixel_by_pixel(tmp_path: Path) -> None:
 
 
 def test_values_beyond_0_and_1(tmp_path: Path) -> None:
-    """Colours are cut off; depths and the like are scaled, by one scale for all pictures of an array."""
+    """Colours are clipped; depths and the like are scaled, with one scale for all pictures of an array."""
     depths = np.linspace(2.0, 12.0, 2 * 20 * 20).reshape(2, 20, 20)
     colours = np.full((20, 20, 3), 1.5)
     colours[0, 0] = [-1.0, np.nan, 0.5]
@@ -126,7 +126,7 @@ def test_more_arrays_than_pictures_are_asked_for(tmp_path: Path, most: int) -> N
 
 
 def test_what_is_there_is_not_written_over(tmp_path: Path) -> None:
-    """Pictures of another artifact may have the same names, and nobody could tell them apart."""
+    """Pictures of another artifact may have the same names, and could not be told apart."""
     with writing(tmp_path) as writer:
         writer.write("a", np.zeros((3, 16, 16), np.uint8))
     (tmp_path / "out").mkdir()

@@ -1,4 +1,4 @@
-"""Resources: how they are written, what fits together, and what a machine or cluster can never do."""
+"""Resources: how they are written, what fits together, and what a machine or cluster cannot do at all."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a plan says of a stage that a run is just doing, in another terminal or on another machine."""
+"""What a plan says of a stage that is being run, in another terminal or on another machine."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TWO = """
 
 
 class Planning(SerialExecutor):
-    """Makes a plan whenever a stage has begun, as `status` does that is called meanwhile."""
+    """Makes a plan whenever a stage begins, as `status` does if it is called meanwhile."""
 
     def __init__(self, workspace: Workspace, *settings: str) -> None:
         super().__init__()
@@ -65,7 +65,7 @@ def test_what_changed_is_explained_while_it_runs(workspace: Workspace) -> None:
 
 
 def test_a_log_of_something_else_is_not_named(workspace: Workspace) -> None:
-    """Another workflow does the same action; the log of this one's stage tells of an action before it."""
+    """Another workflow is doing the same action; this stage's log is that of an earlier action."""
     workspace.write(TWO).run()
     project = workspace.open("base.count=9")
     key = make_plan(project.graph, project.store)["base"].key

@@ -1,4 +1,4 @@
-"""What `status` says in a line at the end."""
+"""The last line of `status`, and the times and failures that a plan knows."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def cached(name: str, key: str, seconds: float) -> Step:
 
 
 def test_what_is_shared_is_counted_once(capsys: pytest.CaptureFixture[str]) -> None:
-    """Two scenes of the same photos are one reconstruction, whose time was spent once."""
+    """Two scenes of the same photos share one reconstruction, whose time was spent once."""
     steps = [
         cached("cover", "a", 60),
         cached("message", "a", 60),

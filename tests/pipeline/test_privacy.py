@@ -1,4 +1,4 @@
-"""Public places, and what is written of private artifacts."""
+"""Which places are public, and how the files of private artifacts are written."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pipeline.privacy import check_place, make_folder, new_file, why_public
 
 @pytest.fixture
 def open_folder() -> Iterator[Path]:
-    """A folder that others can enter, as those of pytest are not."""
+    """A folder that others can enter, unlike those of pytest."""
     with tempfile.TemporaryDirectory(dir="/tmp") as name:
         Path(name).chmod(0o755)
         yield Path(name)

@@ -1,4 +1,4 @@
-"""What a process that runs stages makes for itself, and takes away."""
+"""What a process that runs stages makes for itself, and removes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ print(cache.folder, cache.folder.is_dir())
 
 
 def test_kernels_that_cannot_be_kept_go_with_the_process(tmp_path: Path) -> None:
-    """A child that it forked takes nothing away."""
+    """A child that it forked removes nothing."""
     (tmp_path / "file").touch()
     passing = tmp_path / "passing"
     passing.mkdir()
@@ -42,7 +42,7 @@ def test_kernels_that_cannot_be_kept_go_with_the_process(tmp_path: Path) -> None
 
 
 def test_a_home_without_room_or_locks_is_no_reason_to_fail(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its folder can be made and written to, which says nothing of locks in it."""
+    """It can be made and written to, but that does not mean that files in it can be locked."""
     (tmp_path / "home").mkdir()
     (tmp_path / "passing").mkdir()
     monkeypatch.setenv("POCL_CACHE_DIR", str(tmp_path / "home"))

@@ -31,7 +31,7 @@ def clock(step: float) -> Callable[[], float]:
 
 @pytest.mark.parametrize(("step", "said"), [(1.0, False), (12.0, True)])
 def test_plain_lines(monkeypatch: pytest.MonkeyPatch, step: float, said: bool) -> None:
-    """At most one line each ten seconds between the first and the last of a stage."""
+    """Between the start and the end of a stage, at most one line every ten seconds."""
     monkeypatch.setattr(progress.time, "monotonic", clock(step))
     stream = io.StringIO()
     with PlainLines(stream) as display:
@@ -49,7 +49,7 @@ def test_plain_lines(monkeypatch: pytest.MonkeyPatch, step: float, said: bool) -
 
 
 def test_what_failed_is_said_once_more_at_last() -> None:
-    """Of many stages the last lines are what is read; one that was done after all is no failure."""
+    """After many stages, only the last lines are read. A stage that succeeds in the end did not fail."""
     events: list[Event] = [
         StageEnded("bad", "failed", "5e", 1.0, {}, "no pictures"),
         StageEnded("once", "failed", "5e", 1.0, {}, "a bad day"),
@@ -65,7 +65,7 @@ def test_what_failed_is_said_once_more_at_last() -> None:
 
 @pytest.mark.parametrize(("skipped", "others", "times"), [(0, 0, 1), (5, 0, 1), (6, 0, 2), (0, 1, 2)])
 def test_a_failure_in_sight_is_said_once(skipped: int, others: int, times: int) -> None:
-    """Such a line may be long; of several, all are said together."""
+    """Such a line may be long. If there are several, all are repeated together."""
     stream = io.StringIO()
     with PlainLines(stream) as display:
         for name in ("bad", *(f"other[{number}]" for number in range(others))):

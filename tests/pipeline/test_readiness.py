@@ -1,4 +1,4 @@
-"""What cannot work on this machine is told before a run does anything, and only where the run would need it."""
+"""What cannot work on this machine is said before a run does anything, and only if the run would need it."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_a_pause_between_checkpoints_that_is_no_number(
 
 
 def test_workers_elsewhere_have_settings_of_their_own(drawn: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is set here says nothing of them: that there is no such scheduler is all that is wrong."""
+    """Settings of this machine do not apply to them: all that is wrong is that there is no such scheduler."""
     monkeypatch.setenv(DEVICE_VARIABLE, "nonsense")
     refused = run(drawn, "--scheduler", "nonsense")
     assert (refused.exit_code, DEVICE_VARIABLE in refused.output) == (2, False)

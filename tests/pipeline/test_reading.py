@@ -1,4 +1,4 @@
-"""Who waits for gigabytes to be read is told how far that is: seldom in a log, in one line on a terminal."""
+"""While gigabytes are read, a person sees how far that is: now and then in a log, in one line on a terminal."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pipeline.store import Store
 
 
 class Clock:
-    """Seconds that pass as a test says."""
+    """A clock that only a test moves."""
 
     def __init__(self) -> None:
         self.now = 0.0
@@ -41,7 +41,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 
 
 def read(folder: Path, stream: io.StringIO | None, clock: Clock, seconds: float) -> None:
-    """Reads 30 files of 1000 bytes, each of which takes so long."""
+    """Reads 30 files of 1000 bytes, each of which takes `seconds`."""
     folder.mkdir()
     files = [folder / f"{number}.jpg" for number in range(30)]
     for file in files:

@@ -1,4 +1,4 @@
-"""What a person should know of a result is said when it is made, and once more when the run ends."""
+"""What a person should know about a result is said when it is made, and again when the run ends."""
 
 from __future__ import annotations
 

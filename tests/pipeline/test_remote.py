@@ -103,7 +103,7 @@ def test_of_two_writers_at_once_one_succeeds(remote: Elsewhere) -> None:
 
 
 def test_two_runs_at_once_on_two_machines(remote: Elsewhere) -> None:
-    """One has dask's workers, the other is one process; both end well, and of each action there is one record."""
+    """One has dask's workers, the other is one process; both succeed, and each action has one record."""
     remote.write(CHAIN)
     runs = [remote.start("--workers", "2", machine="A"), remote.start("--serial", machine="B")]
     ended = [run.communicate(timeout=100) for run in runs]
@@ -116,7 +116,7 @@ def test_two_runs_at_once_on_two_machines(remote: Elsewhere) -> None:
 
 
 def test_the_second_takes_the_record_of_the_first(remote: Elsewhere) -> None:
-    """Results that differ by chance: one of them counts, everywhere."""
+    """If results differ by chance, one of them counts, everywhere."""
     from tests.pipeline.test_store import KEY, commit
 
     first = commit(remote.machine("A").store(), 1.0)
@@ -152,7 +152,7 @@ def test_killed_while_it_puts(remote: Elsewhere, server: Server) -> None:
 
 @pytest.mark.slow
 def test_killed_at_every_put(remote: Elsewhere, server: Server) -> None:
-    """Of a run that makes everything, whose last put is that of its journal; then at some of one that goes on."""
+    """At every upload of a run that makes everything, the journal's last; then at some of a run that resumes."""
     assert server.requests
     remote.write(CHAIN).run()
     puts = sum(request.startswith("PUT ") for request in server.requests)
@@ -208,7 +208,7 @@ def test_what_is_deleted_is_deleted_everywhere(remote: Elsewhere) -> None:
 
 
 def test_a_broken_connection(remote: Elsewhere, server: Server) -> None:
-    """Some attempts are made; then the stage fails, and nothing of its result is to be seen until it can be put."""
+    """After some attempts the stage fails, and nothing of its result is visible until all of it is uploaded."""
     (server.folder / "break").write_text("2")
     assert set(remote.write(CHAIN).run().states.values()) == {"ran"}
     (server.folder / "break").write_text("1000")
@@ -226,7 +226,7 @@ def test_a_broken_connection(remote: Elsewhere, server: Server) -> None:
 
 
 def test_what_is_done_but_not_put_is_put_by_the_next_attempt(remote: Elsewhere, server: Server) -> None:
-    """And not done again; what was deleted from the bucket meanwhile, by any machine, is."""
+    """And not done again, unless any machine has deleted it from the bucket meanwhile."""
     (server.folder / "break").write_text("1000")
     remote.write(PAIR).run(retries=0)
     (server.folder / "break").unlink()
@@ -238,7 +238,7 @@ def test_what_is_done_but_not_put_is_put_by_the_next_attempt(remote: Elsewhere, 
 
 @pytest.fixture
 def access(remote: Elsewhere) -> Iterator[pytest.MonkeyPatch]:
-    """For environments with other credentials: connections with these are not used by the next test."""
+    """For environments with other credentials: the next test does not reuse connections made with them."""
     with pytest.MonkeyPatch.context() as monkeypatch:
         yield monkeypatch
     forget_connections()
@@ -292,7 +292,7 @@ def test_without_s3fs(remote: Elsewhere, monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_results_shown_are_here(remote: Elsewhere) -> None:
-    """Paths of what the last stages made are those of copies that exist."""
+    """The paths of what the last stages made are those of copies that exist."""
     remote.write(CHAIN).run()
     ran: Ran = remote.machine("B").run()
     assert all(path.is_dir() for path in ran.ended["sum"].outputs.values())

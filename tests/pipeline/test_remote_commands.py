@@ -29,14 +29,14 @@ DONE = dict.fromkeys(["base", "twice", "other", "sum"], "cached")
 
 @pytest.fixture
 def chain(remote: Elsewhere) -> Elsewhere:
-    """Machine A ran it, and machine B is at work now."""
+    """Machine A ran it, and machine B is in use now."""
     remote.write(CHAIN).run()
     remote.machine("B")
     return remote
 
 
 def call(remote: Elsewhere, command: str, *arguments: object, status: int = 0) -> str:
-    """What a command says, of the machine at work."""
+    """What a command prints on the machine in use."""
     words = [command, *map(str, arguments), "--store", remote.address]
     done = CliRunner().invoke(app, words)
     assert done.exit_code == status, done.output or done.exception
@@ -64,7 +64,7 @@ def alter(remote: Elsewhere, name: str) -> None:
 
 
 def test_show_by_name_and_digest(chain: Elsewhere) -> None:
-    """Names are those of the last run on any machine; nothing else than what is shown is fetched."""
+    """Names are those of the last run on any machine; only what is shown is fetched."""
     (shown,) = lines(call(chain, "show", "chain/twice.numbers", "--json"))
     assert shown["names"] == ["chain/twice.numbers"]
     assert shown["arrays"][0]["range"] == {"least": 0.0, "mean": 2.0, "greatest": 4.0, "nan": 0, "infinite": 0}  # type: ignore[index]
@@ -105,7 +105,7 @@ def test_what_is_private_is_not_shown_elsewhere(remote: Elsewhere, tmp_path: Pat
 
 
 def test_verify_reads_the_bucket(chain: Elsewhere) -> None:
-    """On a machine without copies what is damaged is set aside, and the next run makes it again."""
+    """On a machine without copies, damaged data is set aside, and the next run makes it again."""
     assert call(chain, "verify").startswith("Everything is sound: 6 artifacts, 4 records")
     assert not (chain.store().root / "objects").exists(), "nothing is left here"
     bucket = chain.store()._bucket
@@ -131,7 +131,7 @@ def test_verify_reads_the_bucket(chain: Elsewhere) -> None:
 
 
 def test_a_sound_copy_takes_the_place_of_a_damaged_original(chain: Elsewhere) -> None:
-    """The machine that made it has it still: nothing is lost."""
+    """The machine that made it still has it: nothing is lost."""
     digest = digest_of(chain, "chain/twice.numbers")
     key = str(chain.plan()["twice"].key)
     alter(chain, next(iter(chain.store()._bucket.names(f"files/{digest}"))))
@@ -206,7 +206,7 @@ def test_gc_deletes_in_the_bucket(chain: Elsewhere, monkeypatch: pytest.MonkeyPa
 
 @pytest.mark.parametrize("name", ["logs/../x", "runs/../../x.jsonl", "logs//x", "code/./x.json", "files/.."])
 def test_names_that_lead_elsewhere(chain: Elsewhere, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    """Whoever can write to the bucket has nothing deleted on the machines that read it."""
+    """Even those who can write to the bucket cannot delete anything on the machines that read it."""
     monkeypatch.setattr("pipeline.remote.SPARED", 0.0)
     chain.run()
     bucket = chain.store()._bucket
@@ -278,7 +278,7 @@ def test_pins_live_in_the_bucket(chain: Elsewhere, monkeypatch: pytest.MonkeyPat
 
 
 def test_what_is_private_on_another_machine(chain: Elsewhere) -> None:
-    """Journals, which name stages, are for their owner's eyes only; pins leave nothing here at all."""
+    """Journals name stages, so only their owner can read them; pins leave nothing on this machine."""
     chain.run()
     call(chain, "pin", chain.file, "--stages", TOYS)
     call(chain, "pins")
@@ -289,7 +289,7 @@ def test_what_is_private_on_another_machine(chain: Elsewhere) -> None:
 
 
 class SessionElsewhere(Session):
-    """A package of stages that can be edited, whose results are in a bucket."""
+    """A package of stages that can be edited, with its results in a bucket."""
 
     def __init__(self, remote: Elsewhere, nodes: list[StageNode]) -> None:
         super().__init__(remote.folder, nodes, [])

@@ -1,4 +1,4 @@
-"""The journal of a run whose results are in a bucket: what it costs that the bucket is not reached."""
+"""The journal of a run whose results are in a bucket, when the bucket cannot be reached."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pipeline.remote_history import RemoteJournal
 
 
 class Far:
-    """A bucket that is reached or not."""
+    """A bucket that can be reached or not."""
 
     def __init__(self) -> None:
         self.reached = True

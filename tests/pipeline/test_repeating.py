@@ -1,4 +1,4 @@
-"""Pages can say which command made them: on any machine, and without what is nobody else's affair."""
+"""Pages can say which command made them: the same on any machine, and without what is private."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Workspace:
 
 
 def command(workspace: Workspace, *settings: str, vars_files: tuple[Path, ...] = ()) -> str:
-    """What is said after the name of the workflow."""
+    """What follows the name of the workflow, without `--set file=FILE`."""
     said = workspace.open("file=a.txt", *settings, vars_files=vars_files).graph.command
     start = "python -m pipeline run workflow.yaml"
     assert said.startswith(start)
@@ -69,7 +69,7 @@ def test_paths_inside_of_lists_are_not_said(workspace: Workspace) -> None:
 
 
 def test_what_only_private_stages_hear_is_not_said(workspace: Workspace) -> None:
-    """What others hear of as well is: nobody could repeat anything otherwise."""
+    """Values that other stages use as well are given: otherwise, nobody could repeat anything."""
     assert (
         command(workspace, "seed=81549", "count=4", "first=2.5")
         == "--set seed=PRIVATE --set count=4 --set first=PRIVATE"
@@ -79,7 +79,7 @@ def test_what_only_private_stages_hear_is_not_said(workspace: Workspace) -> None
 
 
 def test_each_value_in_a_row_is_said_or_not_by_itself(workspace: Workspace) -> None:
-    """A cover is everybody's affair, a message is not, even where another row's cover is called so."""
+    """A cover is public and a message is not, even if it is called like the cover of another row."""
     workspace.write(
         """
         name: toys
@@ -114,7 +114,7 @@ def test_a_part_of_a_workflow_is_said_as_the_whole(workspace: Workspace) -> None
 
 
 def test_a_stage_can_ask_for_it(workspace: Workspace) -> None:
-    """And its key does not change with it: what one command made stays when another asks for the same."""
+    """It is not part of the key: a result stays when another command asks for the same."""
     workspace.write("name: said\nstages:\n  said: {uses: say, with: {word: x}}\n")
     first = workspace.run()
     again = workspace.run("said.word=x")

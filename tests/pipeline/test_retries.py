@@ -1,4 +1,4 @@
-"""What may pass is tried again, and nothing else; a dead worker's stage only where it had not begun."""
+"""What may pass is tried again, and nothing else; a dead worker's stage only if it had not begun."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.pipeline.helpers import Ran, Workspace
 
 
 class Waits:
-    """Time that passes only when someone sleeps."""
+    """A clock on which time passes only while something sleeps."""
 
     def __init__(self) -> None:
         self.slept = 0.0
@@ -38,7 +38,7 @@ def waits(monkeypatch: pytest.MonkeyPatch) -> Waits:
 
 
 class Deadly(SerialExecutor):
-    """Its worker dies so many times, before or after it begins the work, or when all is done."""
+    """Its worker dies `deaths` times: before the work begins, after that, or when all is done."""
 
     def __init__(self, deaths: int, when: str) -> None:
         super().__init__()
@@ -94,7 +94,7 @@ def test_inputs_are_fetched_again_from_a_bucket_that_was_not_reached(
 def test_a_bucket_that_does_not_say_what_is_done_is_asked_again(
     workspace: Workspace, waits: Waits, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """By the run itself, which would end with all that runs; where nothing else is to be done, not for ever."""
+    """By the run itself, which would otherwise end all that runs; but not for ever if there is nothing else to do."""
     workspace.write("stages:\n  a: {uses: numbers}\n  b: {uses: scale, in: {numbers: a}}\n")
     find, left = Store.find, 2
 
@@ -166,7 +166,7 @@ def test_other_errors_are_not_tried_again(workspace: Workspace, waits: Waits, ho
 def test_a_worker_that_dies(
     workspace: Workspace, waits: Waits, deaths: int, when: str, state: str, repeats: int
 ) -> None:
-    """Before the stage begins it is no fault of the stage; in its midst it may be; after its end nothing is lost."""
+    """Before the stage begins, it is not the stage's fault; while it runs, it may be; after its end, all is kept."""
     workspace.write("stages:\n  a: {uses: numbers}\n")
     ran = workspace.run(executor=Deadly(deaths, when))
     assert (ran.states, len(said(ran))) == ({"a": state}, repeats)

@@ -1,4 +1,4 @@
-"""That the disk may become full is told before a run, and only then."""
+"""A run says beforehand that the disk may become full, and only if it may."""
 
 from __future__ import annotations
 

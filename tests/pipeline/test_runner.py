@@ -29,7 +29,7 @@ CHAIN = """
 
 
 class Watched(SerialExecutor):
-    """Remembers which stages were given to it at the same time."""
+    """Records which stages it had at the same time."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -72,7 +72,7 @@ def test_an_integer_and_the_same_float_are_one_value(workspace: Workspace) -> No
 
 
 def test_early_cutoff(workspace: Workspace) -> None:
-    """A stage that runs again and makes the same bits reruns nothing behind it."""
+    """If a stage runs again and makes the same bits, nothing after it runs again."""
     workspace.write(CHAIN).run()
     states = workspace.run("base.note=changed").states
     assert states == {"base": "ran", "twice": "cached", "other": "cached", "sum": "cached"}
@@ -152,7 +152,7 @@ def test_nothing_is_started_beside_what_measures_time(workspace: Workspace) -> N
 
 
 def test_privacy_spreads(workspace: Workspace) -> None:
-    """From the stage that says so to all that comes from it, but not through what is declared public."""
+    """From a stage declared private to all that is made from it, except outputs declared public."""
     workspace.write("""
         stages:
           open:   {uses: numbers}
@@ -191,7 +191,7 @@ def test_the_private_flag_is_in_the_key(workspace: Workspace) -> None:
 
 
 def test_foreach(workspace: Workspace) -> None:
-    """Stages with the same foreach go item by item; a reference from outside takes all, in order."""
+    """Stages with the same foreach go item by item; a reference from outside takes all items, in order."""
     workspace.write("""
         vars: {firsts: [30, 10]}
         stages:
@@ -224,7 +224,7 @@ def test_what_closes_a_row_is_done_before_the_next_row_begins(workspace: Workspa
 
 
 def test_all_files_from_outside_are_read_before_anything_long(workspace: Workspace) -> None:
-    """A folder that holds no photos shows at once, not after the training of the cover."""
+    """That a folder holds no photos shows at once, not after the training of the cover."""
     workspace.write("""
         stages:
           cover:   {uses: numbers}
@@ -274,7 +274,7 @@ def test_latest_points_to_the_last_results(workspace: Workspace) -> None:
 
 
 def test_what_failed_leaves_no_result_of_a_run_before_in_latest(workspace: Workspace) -> None:
-    """A page of other inputs would be taken for this run's."""
+    """A page made from other inputs would be taken for this run's."""
     store = workspace.write(CHAIN).run().project.store
     twice = 'twice: {uses: scale, in: {numbers: base}, with: {factor: "${factor}"}}'
     failing = workspace.write(CHAIN.replace(twice, "twice: {uses: fail, in: {numbers: base}}"))
@@ -304,7 +304,7 @@ def test_a_result_that_lost_an_object_is_made_again(workspace: Workspace) -> Non
 )
 @pytest.mark.parametrize("damage", [lambda text: text[:-2], lambda text: b"", lambda text: text[:9] + b"~" + text[10:]])
 def test_a_damaged_input_is_made_again(workspace: Workspace, file: str, damage: Callable[[bytes], bytes]) -> None:
-    """Whether the plan, the worker or only the stage that reads it notices."""
+    """Whether the plan, the worker or only the stage that reads it notices the damage."""
     ran = workspace.write(CHAIN).run()
     path = ran.ended["base"].outputs["numbers"] / file
     path.write_bytes(damage(path.read_bytes()))
@@ -350,7 +350,7 @@ def test_provenance_is_kept(workspace: Workspace) -> None:
 
 
 def test_all_who_take_a_damaged_input_wait_for_its_repair(workspace: Workspace) -> None:
-    """Stages that began, and noticed, before it was made again do not count as further damage."""
+    """Stages that began before it was made again, and noticed, do not count as further damage."""
     more = [f"      more{n}: {{uses: scale, in: {{numbers: base}}, with: {{factor: {n}}}}}" for n in (6, 7)]
     ran = workspace.write(CHAIN).run(stages=["base"])
     chunk = ran.ended["base"].outputs["numbers"] / "arrays.zarr/values/c/0"

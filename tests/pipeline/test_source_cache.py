@@ -1,4 +1,4 @@
-"""A module that was read is not parsed again, and one that changed always is, however it was changed."""
+"""A module that has been read is not parsed again, and one that has changed always is, however it was changed."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Package:
         self.parsed = 0
 
     def read(self) -> Module:
-        """As a command reads it: from what those before it remembered."""
+        """Reads it as a command does, with what earlier commands remembered."""
         cache = SourceCache(self.store, "package")
         module = cache.module("package.draw", self.source)
         cache.remember()
@@ -62,7 +62,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Package:
 
 
 class Clock:
-    """The clock of whoever reads, `ahead` of the one that files go by."""
+    """The reader's clock, `ahead` of the file system's."""
 
     def __init__(self, ahead: int) -> None:
         self.ahead = ahead
@@ -145,7 +145,7 @@ def test_what_is_settled_is_parsed_once_and_again_when_it_changes(package: Packa
 
 @pytest.mark.parametrize("edit", EDITS)
 def test_what_was_just_written_is_never_stale(package: Package, edit: Callable) -> None:
-    """Within one tick of the clock an edit of the same size leaves a file looking as it did."""
+    """Within one tick of the clock, an edit of the same size leaves a file looking as it did."""
     package.read()
     assert not package.memories
     edit(package)
@@ -219,7 +219,7 @@ def test_only_the_owner_can_read_it(package: Package) -> None:
 
 
 def await_tick(path: Path) -> None:
-    """Returns when the clock of the file system has moved on."""
+    """Returns when the file system's clock has moved on."""
     before = path.stat().st_ctime_ns
     other = path.with_name("tick")
     while True:

@@ -1,4 +1,4 @@
-"""The store: two writers, damaged records, and what outlives what."""
+"""The store: two writers, damage, what git ignores, and files outside."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_a_damaged_record_is_none(tmp_path: Path, damage: str) -> None:
 
 
 def test_git_passes_over_a_store(workspace: Workspace) -> None:
-    """One in a work tree, also of an earlier version; what a user says there stays."""
+    """Also a store of an earlier version in a work tree; what a user writes into its .gitignore stays."""
     git = ["git", "-C", str(workspace.folder)]
     subprocess.run([*git, "init", "-q"], check=True)
     store = workspace.write(CHAIN).run().project.store
@@ -76,7 +76,7 @@ def test_git_passes_over_a_store(workspace: Workspace) -> None:
 
 
 def test_what_git_passes_over_is_no_folder_of_something_else(workspace: Workspace) -> None:
-    """As `rm -r store/*` leaves it."""
+    """That is all that `rm -r store/*` leaves."""
     store = workspace.write(CHAIN).run().project.store
     for path in store.root.iterdir():
         if path.is_dir():

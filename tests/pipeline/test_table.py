@@ -1,4 +1,4 @@
-"""Rows from CSV files: whatever is wrong with one is said with its place, what was found and what is allowed."""
+"""Rows from CSV files: every mistake is reported with its place, what was found and what is allowed."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def test_all_problems_at_once(workspace: Workspace) -> None:
     ],
 )
 def test_what_a_spreadsheet_makes_of_the_names(workspace: Workspace, text: str) -> None:
-    """Capitals, blanks, the mark of byte order, other signs between cells: what is meant is clear."""
+    """Capitals, blanks, a byte order mark, other separators: what is meant is clear."""
     (workspace.folder / "rows.csv").write_bytes(text.encode())
     (node,) = workspace.write(EACH).open().graph.nodes.values()
     assert (node.parameters["first"], node.parameters["note"]) == (7.0, "x")
@@ -118,7 +118,7 @@ def test_capitals_that_the_workflow_tells_apart_stay(workspace: Workspace) -> No
 
 
 def test_a_mistake_in_the_names_is_told_once(workspace: Workspace) -> None:
-    """However many stages take them; what a setting takes the place of is not asked for."""
+    """However many stages use them; a column whose use a setting replaces is not required."""
     workspace.write("""
         vars: {rows: rows.csv}
         stages:
@@ -169,7 +169,7 @@ def test_a_table_of_set_is_relative_to_the_current_directory_and_its_paths_to_th
 def test_what_the_csv_module_writes_is_read_again(
     tmp_path_factory: pytest.TempPathFactory, names: list[str], data: st.DataObject
 ) -> None:
-    """Quoted cells are the very texts, whatever is in them, and lines end as they like."""
+    """Quoted cells are read as they are, whatever is in them, and lines may end in either way."""
     rows = data.draw(st.lists(st.tuples(*(TEXT for _ in names)), min_size=1, max_size=4))
     text = io.StringIO(newline="")
     end = data.draw(st.sampled_from(["\n", "\r\n"]))
@@ -208,7 +208,7 @@ def test_cells(tmp_path: Path, cell: str, value: object) -> None:
 
 
 def test_lines_of_empty_cells_are_no_rows(tmp_path: Path) -> None:
-    """Spreadsheets write them below a table; taken for rows, they ran with what a stage does by itself."""
+    """Spreadsheets write them below a table; as rows, they would run a stage with its defaults."""
     rows, problems = read(tmp_path / "rows.csv", b"a,b\n1,x\n,\n , \n2,y\n,\n")
     assert (rows, len(problems)) == ([{"a": 1, "b": "x"}, {"a": 2, "b": "y"}], 0)
 

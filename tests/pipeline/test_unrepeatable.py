@@ -1,4 +1,4 @@
-"""What was drawn once and cannot be drawn again is never replaced unless a person has given it up."""
+"""What was drawn once and cannot be drawn again is never replaced, unless a person gives it up."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ def test_verify_says_so(drawn: Ran) -> None:
 
 
 def test_gc_keeps_what_is_left_of_it(workspace: Workspace, drawn: Ran) -> None:
-    """Although no run needs it any more: what was published may."""
+    """Although no run needs it any more: what was published may need it."""
     cut(drawn)
     verify(drawn)
     workspace.write("name: drawn\nstages:\n  other: {uses: numbers}\n").run()
@@ -152,7 +152,7 @@ def test_gc_keeps_what_is_left_of_it(workspace: Workspace, drawn: Ran) -> None:
 
 
 def test_gc_keeps_what_is_left_of_each_of_several(workspace: Workspace, drawn: Ran, tmp_path: Path) -> None:
-    """One was given up, and what was drawn in its place is damaged, too; then the first comes back from a copy."""
+    """The first was given up, and its replacement is damaged, too; then the first comes back from a copy."""
     store = drawn.project.store
     record = store.damaged.folder / "actions" / str(drawn.ended["key"].key)
     cut(drawn)
@@ -170,7 +170,7 @@ def test_gc_keeps_what_is_left_of_each_of_several(workspace: Workspace, drawn: R
 
 
 def test_to_say_so_changes_no_key(tmp_path: Path) -> None:
-    """Else the version that protects keys would have drawn new ones."""
+    """Otherwise, the declaration that protects a key would itself have a new one drawn."""
     from pipeline.fingerprint import read_module
 
     text = (Path(__file__).parent / "toys/draw.py").read_text()
@@ -190,7 +190,7 @@ def test_to_say_so_changes_no_key(tmp_path: Path) -> None:
 def test_after_a_change_of_code_alone_it_is_accepted(
     workspace: Workspace, drawn: Ran, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A new version of this program draws no other key in its place: what was published would not be read with it."""
+    """A new version of this program must not draw another key, with which what was published could not be read."""
     monkeypatch.setattr("pipeline.keys.FORMAT", 3)
     again = workspace.run()
     assert again.states == {"key": "failed", "hide": "skipped", "more": "skipped"}
@@ -208,7 +208,7 @@ def test_after_a_change_of_code_alone_it_is_accepted(
 def test_after_a_change_of_code_it_is_kept_though_the_last_run_was_of_something_else(
     workspace: Workspace, monkeypatch: pytest.MonkeyPatch, renamed: bool
 ) -> None:
-    """Pair A is hidden, then pair B, then comes a new version: A's key was drawn anew without a question."""
+    """Pair A is hidden, then pair B, then a new version comes: A's key is not drawn anew without asking."""
     told = "name: {}\nvars: {{n: 3}}\nstages:\n  photos: {{uses: numbers, with: {{count: '${{n}}'}}}}\n  {}"
     key = "key: {uses: draw, in: {of: photos}}\n"
     first = workspace.write(told.format("drawn", key)).run("n=3")
@@ -246,7 +246,7 @@ def test_after_a_change_of_code_another_is_drawn_on_purpose(
 
 @pytest.mark.parametrize("verified", [False, True])
 def test_in_a_bucket(remote: Elsewhere, monkeypatch: pytest.MonkeyPatch, verified: bool) -> None:
-    """On a machine without a copy: what is left in the bucket says on all machines that there was one."""
+    """On a machine without a copy: what is left in the bucket tells all machines that there was one."""
     monkeypatch.setattr("pipeline.remote.SPARED", 0.0)
     digest = remote.write(DRAWN).run().ended["key"].outputs["numbers"].name
     bucket = remote.store()._bucket
@@ -261,7 +261,7 @@ def test_in_a_bucket(remote: Elsewhere, monkeypatch: pytest.MonkeyPatch, verifie
 
 
 def test_in_a_bucket_gc_keeps_what_is_left_of_it(remote: Elsewhere, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Although no run needs it any more, on whatever machine it was found damaged."""
+    """Although no run needs it any more, and whichever machine found it damaged."""
     monkeypatch.setattr("pipeline.remote.SPARED", 0.0)
     digest = remote.write(DRAWN).run().ended["key"].outputs["numbers"].name
     bucket = remote.store()._bucket

@@ -1,4 +1,4 @@
-"""Files of vars, such as a profile for small machines: they replace a workflow's vars, and are checked like these."""
+"""Files of vars, such as a profile for small machines: they replace a workflow's vars, and are checked like them."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_later_files_win_and_settings_win_over_all(profiled: Workspace) -> None:
 
 
 def test_null_takes_back_what_the_workflow_states(profiled: Workspace) -> None:
-    """The stage's own default counts then."""
+    """The stage's own default then counts."""
     cpu = profiled.folder / "profiles/cpu.yaml"
     null = write(profiled, "null.yaml", "count: null\nboth: null\n")
     own = {"count": 3, "note": ""}
@@ -64,7 +64,7 @@ def test_null_takes_back_what_the_workflow_states(profiled: Workspace) -> None:
 
 
 def test_null_is_as_if_nothing_were_stated(workspace: Workspace) -> None:
-    """But where it is a value of the parameter, and where there is no default."""
+    """Except where null is a value of the parameter, and where there is no default."""
     workspace.write("stages:\n  base: {uses: numbers}\n").run()
     workspace.write("stages:\n  base: {uses: numbers, with: {count: 4}}\n")
     assert workspace.run("base.count=null").states == {"base": "cached"}
@@ -118,7 +118,7 @@ def test_a_file_that_cannot_be_read_is_a_wrong_command(profiled: Workspace) -> N
 
 
 def test_every_command_takes_them(profiled: Workspace) -> None:
-    """Without the file, the var that has no value would make each of them fail."""
+    """Without the file, each of them would fail, since one var has no value."""
     cpu = str(profiled.folder / "profiles/cpu.yaml")
     status, _, err = call(profiled, "run", "--serial", "--vars", cpu)
     assert status == 0, err

@@ -1,4 +1,4 @@
-"""`verify`: every kind of damage is found, named and set aside, and the next run makes good what was lost."""
+"""`verify`: every kind of damage is found, named and set aside, and the next run makes again what was lost."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def test_a_foreign_file_costs_no_artifact(workspace: Workspace, name: str) -> No
 
 
 def test_what_is_damaged_is_kept_where_nobody_else_can_enter(workspace: Workspace) -> None:
-    """Also when it is damaged again, and after this process: what exists once is no rubbish for a blemish."""
+    """Also if it is damaged again: a small defect is no reason to throw away what may exist only once."""
     ran = workspace.write(CHAIN).run()
     artifact = ran.ended["twice"].outputs["numbers"]
     for _ in range(2):
@@ -146,7 +146,7 @@ def test_an_altered_record(workspace: Workspace, change: Callable[[object], obje
     ],
 )
 def test_a_sealed_record_of_another_form_is_no_record(workspace: Workspace, change: Callable[[object], object]) -> None:
-    """Nothing that reads records has to ask what is in them."""
+    """So whatever reads records need not check what is in them."""
     ran = workspace.write(CHAIN).run()
     store = ran.project.store
     key = str(ran.ended["twice"].key)

@@ -1,4 +1,4 @@
-"""Whatever is wrong with a workflow is said at once, with its place, what is allowed and the nearest name."""
+"""All that is wrong with a workflow is said at once, with its place, what is allowed and the nearest name."""
 
 from __future__ import annotations
 
@@ -242,7 +242,7 @@ def test_a_tilde_is_the_home_folder(workspace: Workspace, monkeypatch: pytest.Mo
 
 
 def bomb(line: str, levels: int = 10) -> str:
-    """A vars section of lines that each hold the one before ten times."""
+    """A vars section in which each line contains the one before ten times."""
     names = "abcdefghijklmnop"[:levels]
     grown = [f"  {name}: {line.format(before)}" for before, name in pairwise(names)]
     return "\n".join(["vars:", "  a: [1, 2, 3, 4, 5, 6, 7, 8, 9, 10]" if "[" in line else "  a: abcdefghij", *grown])

@@ -1,4 +1,4 @@
-"""A mistake that reaches many stages is one message, which names them, and what was probably meant."""
+"""A mistake that reaches many stages is one message, which names them and says what was probably meant."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ HIDES = """
 
 @pytest.fixture
 def methods(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> Iterator[Workspace]:
-    """Stages that take a method, which is a file of its own."""
+    """Stages that take a method; each method is a file of its own."""
     package = workspace.folder / "of_methods"
     (package / "methods").mkdir(parents=True)
     for name in ("plain", "fancy", "sh", "__init__"):
@@ -95,7 +95,7 @@ def test_each_reason_is_told(workspace: Workspace) -> None:
 
 @pytest.mark.parametrize("value", ["", "null", "~"])
 def test_a_value_that_is_none_is_told_so(workspace: Workspace, value: str) -> None:
-    """As where a variable of the shell is empty: `--set word=$WORD`."""
+    """As with an empty shell variable: `--set word=$WORD`."""
     said = """
     vars: {word: none}
     stages:

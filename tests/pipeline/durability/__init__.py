@@ -1,1 +1,1 @@
-"""Trying to destroy runs and stores: kills, full disks, signals, crashes, damage, and several runs at once."""
+"""Attempts to destroy runs and stores: kills, full disks, signals, crashes, damage, and several runs at once."""

@@ -1,4 +1,4 @@
-"""Running the command line as a process of its own, and looking at what it left."""
+"""Runs the command line in a process of its own, and looks at what it left."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Running = subprocess.Popen[str]
 
 
 def start(workspace: Workspace, *arguments: str, command: str = "run", store: str = "store") -> Running:
-    """Starts a command in a session of its own; what it prints goes to files, so that nobody waits for a pipe."""
+    """Starts a command in a session of its own. Its output goes to a file, so that nothing blocks on a pipe."""
     environment = {**os.environ, "TOLD": str(told(workspace)), "POCL_CACHE_DIR": str(workspace.folder / "kernels")}
     options = ["--stages", workspace.package, "--store", str(workspace.folder / store)]
     printed = workspace.folder / "printed.txt"
@@ -39,7 +39,7 @@ def start(workspace: Workspace, *arguments: str, command: str = "run", store: st
 
 
 def call(workspace: Workspace, *arguments: str, command: str = "run", store: str = "store") -> tuple[int, str]:
-    """Exit status, and what was printed by this command."""
+    """The exit status of this command, and what it printed."""
     printed = workspace.folder / "printed.txt"
     printed.unlink(missing_ok=True)
     status = start(workspace, *arguments, command=command, store=store).wait(LONGEST)
@@ -64,7 +64,7 @@ def await_that(holds: Callable[[], object], what: str) -> None:
 
 
 def descendants(process: int) -> set[int]:
-    """Processes that come from `process`, which itself is not among them."""
+    """The descendants of `process`, without itself."""
     parents = {}
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
@@ -79,7 +79,7 @@ def descendants(process: int) -> set[int]:
 
 
 def workers_of(process: int) -> list[int]:
-    """dask's workers among the children of a run."""
+    """dask's workers among the descendants of a run."""
     found = []
     for child in sorted(descendants(process)):
         with suppress(OSError):
@@ -101,7 +101,7 @@ def kill(process: int, group: bool = False) -> None:
 
 
 def finished(store: Store) -> dict[str, tuple[int, int]]:
-    """Inode and time of every file of finished work."""
+    """Inode and modification time of every file of finished work."""
     files = [path for folder in ("actions", "objects") for path in (store.root / folder).rglob("*") if path.is_file()]
     return {str(path.relative_to(store.root)): (path.stat().st_ino, path.stat().st_mtime_ns) for path in files}
 

@@ -1,4 +1,4 @@
-"""Runs on a disk that is too small, in a name space of its own where anyone may mount one.
+"""Runs on a disk that is too small, in a namespace of its own, where anyone may mount one.
 
     unshare -Urm python -m tests.pipeline.durability.small_disk FOLDER --serial|--workers=N
 
@@ -45,7 +45,7 @@ class Disk:
         mount("-o", f"remount,size={size}", str(self.store))
 
     def fill(self) -> Path:
-        """Takes all the room that there is."""
+        """Takes up all remaining space."""
         ballast = self.store / "ballast"
         with ballast.open("wb", buffering=0) as file:
             for size in (1 << 16, 4096, 1):
@@ -62,7 +62,7 @@ class Disk:
         print(json.dumps({"name": name, "status": status, "printed": printed}), flush=True)
 
     def call_on_store(self, name: str, *words: str) -> None:
-        """A command that takes no workflow."""
+        """Runs a command that takes no workflow."""
         command = [sys.executable, "-m", "pipeline", *words, "--store", str(self.store)]
         done = subprocess.run(command, cwd=commands.ROOT, capture_output=True, text=True)
         print(json.dumps({"name": name, "status": done.returncode, "printed": done.stdout + done.stderr}), flush=True)
@@ -72,7 +72,7 @@ class Disk:
 
 
 def large_result(folder: Path) -> None:
-    """Full while an artifact or a checkpoint is written."""
+    """The disk is full while an artifact or a checkpoint is written."""
     disk = Disk(folder, "1800k")
     disk.call("large: full", "small", "large")
     kept = commands.finished(Store(disk.store))
@@ -100,7 +100,7 @@ def full_log(folder: Path) -> None:
 
 
 def full_before(folder: Path) -> None:
-    """No room for a byte: what is finished can be used all the same, and said what is to do."""
+    """Without a byte free, finished work can still be used, and a run fails with a message."""
     disk = Disk(folder, ROOM)
     disk.call("before: room", "small")
     disk.resize("8m")

@@ -1,12 +1,13 @@
-"""Stops a run at one step after the other: each time it is about to change something in its store.
+"""Stops a run at each of its steps in turn, just before it changes something in its store.
 
     python -m tests.pipeline.durability.stops FOLDER kill|full|broken|denied commit|run
 
-Python tells an audit hook of each file that it opens, each folder that it makes, each renaming and each removal. The
-hook kills the process at the n-th of them with SIGKILL, or has it fail: from the n-th on for want of space, or once
-with an error of the disk. It does so for every n, each time in a child of this process, forked before any thread is
-started, on a copy of a store in which a part of the work is done. After each the work is done again, undisturbed.
-Prints one JSON object a line: what was about to happen, and what became of it.
+Python tells an audit hook of every file that is opened, folder made, renaming and removal. At the n-th of these, the
+hook kills the process with SIGKILL (`kill`), or makes it fail: from the n-th on for lack of space (`full`), or once
+with an error of the disk (`broken`) or for lack of permission (`denied`). It only fails what makes something, not
+removals. This is done for every n, each time in a child of this process, forked before any thread is started, on a copy
+of a store in which part of the work is done. Then the work is done again, undisturbed. Prints one JSON object a line:
+the steps, and what came of them.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ MAKING = {"open", "os.mkdir", "os.symlink", "os.rename"}
 
 
 class Stopper:
-    """The audit hook; `armed` while steps count."""
+    """The audit hook; it counts steps while it is `armed`."""
 
     def __init__(self, store: Path, number: int, how: str) -> None:
         self.store = str(store)
@@ -75,11 +76,11 @@ class Stopper:
             return str(arguments[0]).startswith(self.store)
         if event == "os.symlink":
             return str(arguments[1]).startswith(self.store)
-        return event in ("os.remove", "os.rmdir")  # of a tree, relative to its folders
+        return event in ("os.remove", "os.rmdir")  # when a tree is removed, these are relative to its folders
 
 
 def in_child(work: Callable[[], int]) -> int:
-    """Exit status of `work` in a child, or less than 0 for the signal that killed it."""
+    """The exit status of `work` in a child process, or minus the number of the signal that killed it."""
     child = os.fork()
     if child == 0:
         status = 99
@@ -95,7 +96,7 @@ def in_child(work: Callable[[], int]) -> int:
 
 
 def run(workspace: Workspace, stopper: Stopper | None, only_commits: bool) -> int:
-    """The command line, in this process; what it prints goes to a file."""
+    """Runs the command line in this process; its output goes to a file."""
     descriptor = os.open(workspace.folder / "printed.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(descriptor, 1)
     os.dup2(descriptor, 2)
@@ -118,7 +119,7 @@ def run(workspace: Workspace, stopper: Stopper | None, only_commits: bool) -> in
 
 
 def arm_in_commits(stopper: Stopper) -> None:
-    """Steps count from the commit of the stage to the end of the run."""
+    """Makes steps count from the commit of the stage to the end of the run."""
     commit = Store.commit
 
     def armed(*arguments: Any) -> Any:
@@ -138,7 +139,7 @@ def begin(folder: Path, template: Path | None) -> Workspace:
 
 
 def try_step(folder: Path, template: Path, number: int, how: str, only_commits: bool) -> dict[str, Any]:
-    """Stops at one step, and says what happened then and in the run after it."""
+    """Stops at one step; returns what happened then, and in the run after it."""
     workspace = begin(folder, template)
     (workspace.folder / "store/latest").mkdir(exist_ok=True)
     store = Store(folder / "store")

@@ -1,4 +1,4 @@
-"""A worker that aborts inside a driver: the stage fails with its cause and its log, and nothing else does."""
+"""A worker that crashes inside a driver: the stage fails with its cause and log, and no other stage does."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Damage by chance: whatever bytes, files and folders of a store are altered, results are right or not given."""
+"""Random damage: whatever bytes, files and folders of a store are altered, results are right or not given."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def flip(path: Path, chance: random.Random) -> None:
 
 
 def digit(path: Path, chance: random.Random) -> None:
-    """Another digit where one is: JSON stays JSON."""
+    """Replaces a digit by another, so that JSON stays JSON."""
     data = bytearray(path.read_bytes())
     places = [place for place, byte in enumerate(data) if 48 <= byte <= 57]
     if places:
@@ -63,7 +63,7 @@ def make_link(path: Path, chance: random.Random) -> None:
 
 
 def outside(path: Path) -> tuple[Path, Path]:
-    """A file beside the store that `path` is in, and one that is not there: neither may be touched."""
+    """A file beside the store that `path` is in, and one that does not exist: neither may be touched."""
     beside = next(parent for parent in path.parents if parent.name == "store").parent
     return beside / "a stranger's", beside / "nowhere"
 
@@ -73,7 +73,7 @@ def delete_folder(path: Path, chance: random.Random) -> None:
 
 
 def swap(path: Path, chance: random.Random) -> None:
-    """Takes the place of another file of that name."""
+    """Swaps the contents with another file of the same name."""
     others = sorted(other for other in path.parents[2].rglob(path.name) if other.is_file() and not other.is_symlink())
     if others:
         data, other = path.read_bytes(), chance.choice(others)
@@ -115,7 +115,7 @@ def damaged_copy(sound: Workspace, folder: Path, seed: int, times: int) -> Works
 
 
 def wrong_or_unreadable(ran: Ran) -> list[str]:
-    """Digests of what cannot be read; fails if anything that can is not what it should be."""
+    """Digests of the results that cannot be read; fails if one that can be read is wrong."""
     unreadable = []
     for name, output in RESULTS:
         try:
@@ -129,7 +129,7 @@ def wrong_or_unreadable(ran: Ran) -> list[str]:
 
 def check_damage(sound: Workspace, folder: Path, seed: int, times: int) -> None:
     workspace = damaged_copy(sound, folder, seed, times)
-    with suppress(PipelineError, OSError):  # which the command line tells in one line
+    with suppress(PipelineError, OSError):  # the command line reports these in one line
         check_repair(workspace, folder)
     strangers, nowhere = outside(folder / "store" / "a file")
     assert strangers.read_text() == "kept"

@@ -1,4 +1,4 @@
-"""Disks that are full or cannot be written to: one clear line, nothing corrupt, and a run that goes on later."""
+"""Disks that are full or cannot be written to: one clear line, nothing corrupt, and a run that can resume later."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_small_and_read_only_disks(tmp_path: Path, flags: str) -> None:
     ids=["used up", "some left", "not numbered"],
 )
 def test_what_is_used_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, files: int, left: int, said: str) -> None:
-    """Who looks for large files to delete where inodes are lacking looks in vain."""
+    """If inodes are used up, deleting large files does not help."""
     state = os.statvfs_result((4096, 4096, 10**6, 1000, 1000, files, left, left, 0, 255))
     monkeypatch.setattr(os, "statvfs", lambda path: state)
     words = words_of(OSError(errno.ENOSPC, "No space left on device"), tmp_path)
@@ -95,7 +95,7 @@ def test_a_full_disk_is_the_one_of_the_file_that_could_not_be_written(
 def test_a_disk_with_much_room_is_hardly_the_full_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: int, blamed: bool
 ) -> None:
-    """A quota may be used up where the disk has room."""
+    """A quota may be used up although the disk has room."""
     monkeypatch.setattr(os, "statvfs", lambda path: room_of(48 * 10**10))
     words = words_of(OSError(error, "No space left on device"), tmp_path)
     assert words.startswith("no space left on the disk that holds") == blamed
@@ -111,7 +111,7 @@ def test_a_store_that_is_read_only_is_told_by_its_name(tmp_path: Path) -> None:
 
 
 def test_a_limit_of_the_size_of_files_is_told_with_what_sets_it(workspace: Workspace) -> None:
-    """A shell may have one that nobody thought of."""
+    """A shell may have such a limit without anyone having thought of it."""
     workspace.package = TOYS
     workspace.write("name: disk\nstages:\n  large: {uses: grow, with: {steps: 2, size: 60000, seed: 2}}\n")
     command = [sys.executable, "-m", "pipeline", "run", str(workspace.file), "--serial", "--stages", TOYS]

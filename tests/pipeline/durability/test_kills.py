@@ -1,4 +1,4 @@
-"""kill -9 at moments drawn by chance: the parent, a worker, everything at once; what was finished stays finished."""
+"""kill -9 at random moments, of the parent, a worker or everything at once: finished work stays finished."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def digests(workspace: Workspace) -> dict[str, str]:
 
 
 class Destroyer:
-    """Runs a workflow again and again, and kills each run after it has told a number of lines."""
+    """Runs a workflow again and again, and kills each run after it has reported some number of lines."""
 
     def __init__(self, folder: Path, flags: list[str], seed: int) -> None:
         self.folder = folder
@@ -63,7 +63,7 @@ class Destroyer:
         return Store(self.workspace.folder / "store")
 
     def kill_once(self, victim: str) -> bool:
-        """Whether there was anything left to be killed: False after a run that was complete before its moment came."""
+        """Starts a run and kills the victim at a random moment. Returns False if the run succeeds nonetheless."""
         before = commands.finished(self.store)
         said = len(commands.lines_told(self.workspace))
         moment = said + self.chance.randrange(1, 25)
@@ -91,7 +91,7 @@ class Destroyer:
         commands.await_that(lambda: not any(map(commands.is_alive, everyone)), "workers to end with their parent")
 
     def finish(self, expected: dict[str, str]) -> None:
-        """An undisturbed run after all: it completes, and makes what it would have made at once."""
+        """Runs to the end, undisturbed: the result is that of a run without interruptions."""
         status, printed = commands.call(self.workspace, "--serial")
         assert (status, "Traceback" in printed) == (0, False), printed
         commands.check_whole(self.store)
@@ -99,7 +99,7 @@ class Destroyer:
         assert self.repeated_steps() == 0
 
     def repeated_steps(self) -> int:
-        """Steps that were done although a checkpoint of them existed."""
+        """How many steps were repeated although a checkpoint of them existed."""
         steps = [tuple(line) for line in commands.lines_told(self.workspace) if line[0] == "step"]
         return len(steps) - len(set(steps))
 
@@ -131,7 +131,7 @@ def test_a_hundred_kills(tmp_path: Path, expected: dict[str, str], seed: int) ->
 
 
 def test_a_worker_deep_in_a_library_ends_with_its_parent(tmp_path: Path) -> None:
-    """Python cannot run there, so only the kernel can end it; else the next run would wait for its lock."""
+    """Python code cannot run there, so only the kernel can end it; otherwise the next run would wait for its lock."""
     workspace = Workspace(tmp_path, TOYS).write("stages:\n  a: {uses: crash, with: {how: library}}\n")
     process = commands.start(workspace, "--workers", "1")
     commands.await_that(lambda: commands.lines_told(workspace), "the stage")

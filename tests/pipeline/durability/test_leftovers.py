@@ -1,4 +1,4 @@
-"""What killed processes were writing is removed by the next run, and what others are writing is not."""
+"""What killed processes were writing is removed by the next run; what living processes are writing is not."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_only_what_the_dead_wrote_is_removed(tmp_path: Path) -> None:
 
 
 def test_checkpoints_of_finished_actions_are_removed(workspace: Workspace) -> None:
-    """As a process leaves them that is killed between its commit and its end; those of unfinished actions stay."""
+    """A process killed between its commit and its end leaves them; those of unfinished actions stay."""
     ran = workspace.write(CHAIN).run()
     finished = workspace.folder / "store/scratch" / str(ran.ended["base"].key)
     unfinished = workspace.folder / "store/scratch" / ("0" * 64)
@@ -70,7 +70,7 @@ def test_checkpoints_of_finished_actions_are_removed(workspace: Workspace) -> No
 
 
 def test_a_sound_artifact_is_not_set_aside(tmp_path: Path) -> None:
-    """Another run may have made it again in the meantime."""
+    """Another run may meanwhile have made it again."""
     store = Store(tmp_path / "store")
     output = ArtifactWriter(store.temporary() / "out", "numbers")
     output.write("values", np.zeros(3))
@@ -94,7 +94,7 @@ def test_an_artifact_in_the_place_of_another_is_damage(workspace: Workspace) -> 
 
 
 def test_a_changed_default_in_the_cache_is_not_believed(workspace: Workspace) -> None:
-    """It would put a result under the key of other parameters: a wrong result later."""
+    """It would store a result under the key of other parameters: a wrong result later."""
     text = "stages:\n  base: {uses: numbers}\n  twice: {uses: scale, in: {numbers: base}}\n"
     workspace.write(text).open()
     for path in workspace.folder.glob("store/cache/declarations/*.json"):

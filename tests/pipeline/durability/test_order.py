@@ -1,4 +1,4 @@
-"""A power cut at any moment: nothing gets its name before it is on the disk, and a disk that fails fails the stage."""
+"""A power cut at any moment: nothing gets its name before it is on the disk, and a failing disk fails the stage."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.pipeline.test_runner import CHAIN
 
 
 class Recorder:
-    """What was flushed, as it was then, and what was renamed to where, in order."""
+    """What was flushed, with its modification time then, and what was renamed to where, in order."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, store: Path) -> None:
         self.store = store
@@ -41,7 +41,7 @@ class Recorder:
 
 
 def test_nothing_is_renamed_before_it_is_flushed(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Files and folders, then the name, then the folder of names; objects before the record that promises them."""
+    """First files and folders, then the name, then the folder of names; objects before the record that names them."""
     store = workspace.folder / "store"
     recorder = Recorder(monkeypatch, store)
     workspace.write(CHAIN).run()
@@ -60,7 +60,7 @@ def test_nothing_is_renamed_before_it_is_flushed(workspace: Workspace, monkeypat
 
 
 def test_a_disk_that_cannot_flush_fails_the_stage(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
-    """At whichever flush it happens; and the next run makes the result."""
+    """Whichever flush fails, the stage fails, and the next run makes the result."""
     workspace.write("stages:\n  base: {uses: numbers}\n  twice: {uses: scale, in: {numbers: base}}\n")
     workspace.run(stages=["base"])
     fsync = os.fsync

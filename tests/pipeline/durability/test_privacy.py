@@ -1,4 +1,4 @@
-"""What is private is nobody else's, while it is written and afterwards, whatever the user's mask."""
+"""Nobody else can read what is private, while it is written and afterwards, whatever the user's umask."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_modes(tmp_path: Path, mask: int, monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_links_of_an_earlier_version_are_closed_to_others(workspace: Workspace) -> None:
-    """The names of stages tell of messages."""
+    """The names of stages may reveal messages."""
     latest = workspace.write(CHAIN).run().project.store.root / "latest/chain"
     latest.chmod(0o755)
     assert set(workspace.run().states.values()) == {"cached"}
@@ -63,7 +63,7 @@ def test_links_of_an_earlier_version_are_closed_to_others(workspace: Workspace) 
 
 
 def test_a_record_tells_of_what_was_private(tmp_path: Path) -> None:
-    """Although all that came of it is public: its parameters, for one."""
+    """The record is private although all outputs are public: its parameters may be private, for example."""
     store = Store(tmp_path / "store")
     writer = ArtifactWriter(store.temporary() / "out", "numbers")
     writer.write("values", np.zeros(3))

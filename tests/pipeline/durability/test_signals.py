@@ -1,4 +1,4 @@
-"""Ctrl-C once and twice, SIGTERM to all processes as cluster schedulers send it, and a terminal that is closed."""
+"""Ctrl-C once and twice, SIGTERM to all processes, as cluster schedulers send it, and a terminal that is closed."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def check_interrupted(workspace: Workspace, process: commands.Running) -> None:
 
 
 def check_goes_on(workspace: Workspace) -> None:
-    """From the last checkpoint: no step is made twice."""
+    """From the last checkpoint: no step is repeated."""
     status, printed = commands.call(workspace, "--serial")
     assert status == 0, printed
     made = steps(workspace)
@@ -66,7 +66,7 @@ def check_goes_on(workspace: Workspace) -> None:
     ],
 )
 def test_asked_to_stop(tmp_path: Path, number: signal.Signals, flags: list[str]) -> None:
-    """The whole group is asked, workers included, and the engine decides."""
+    """The signal goes to the whole group, workers included, and the engine decides."""
     workspace, process = begun(tmp_path, flags)
     os.killpg(process.pid, number)
     check_interrupted(workspace, process)
@@ -75,7 +75,7 @@ def test_asked_to_stop(tmp_path: Path, number: signal.Signals, flags: list[str])
 
 @pytest.mark.parametrize("flags", [pytest.param(["--serial"], marks=pytest.mark.slow), ["--workers", "1"]])
 def test_ctrl_c_twice(tmp_path: Path, flags: list[str]) -> None:
-    """At once, even if the stage is deep in a library and sees no stop flag."""
+    """Stops at once, even if the stage is deep in a library and does not see that it should stop."""
     workspace = Workspace(tmp_path, TOYS).write("stages:\n  a: {uses: crash, with: {how: library}}\n")
     if flags == ["--serial"]:
         workspace.write(WORKFLOW)

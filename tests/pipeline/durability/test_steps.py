@@ -15,7 +15,7 @@ from tests.pipeline.durability.commands import ROOT
 
 
 def stopped_at_every_step(folder: Path, how: str, where: str) -> list[dict[str, Any]]:
-    """What happened at each step; the last is beyond the last step, and so undisturbed."""
+    """What happened at each step; the last of these is beyond the last step, and so undisturbed."""
     done = subprocess.run(
         [sys.executable, "-m", stops.__name__, str(folder), how, where], cwd=ROOT, capture_output=True, text=True
     )
@@ -38,21 +38,21 @@ def test_killed(tmp_path: Path, where: str) -> None:
     assert sum("/objects" in step or "/actions" in step for step in last["step"]) > 0
 
 
-@pytest.mark.slow  # a full disk is also tested as one, in test_disk.py
+@pytest.mark.slow  # a real full disk is tested in test_disk.py
 @pytest.mark.parametrize("where", ["commit", "run"])
 @pytest.mark.parametrize("how", ["full", "broken", "denied"])
 def test_a_failed_write_fails_the_stage(tmp_path: Path, how: str, where: str) -> None:
-    """And if it fails nothing, then because nothing was lost but a link, a log line or an explanation."""
+    """If the stage does not fail, nothing more was lost than a link, a log line, or something cached or temporary."""
     *failed, _ = stopped_at_every_step(tmp_path, how, where)
     assert {result["status"] for result in failed} <= {0, 1, 2}
     for result in failed:
         step = result["step"][result["number"] - 1]
         exists = step in ("os.mkdir ", "os.mkdir /locks")
-        lesser = exists or step.startswith("os.symlink")  # the latter are `latest`
+        lesser = exists or step.startswith("os.symlink")  # symlinks are those in `latest`
         lesser |= any(f"/{folder}" in step for folder in ("latest", "runs", "cache", "code", "temporary"))
         if result["status"] == 0:
             assert lesser, step
         if how == "full" and result["status"] == 1:
-            # The disk of the test has room: where the error names no file, another disk is thought of.
+            # The test's disk has room: an error that names no file is taken for that of another disk.
             assert "no space left on" in result["printed"], result["printed"]
             assert "free" in result["printed"]

@@ -1,4 +1,4 @@
-"""Artifacts of strangers: consistent in themselves, and made to run code, to exhaust memory or to read other files."""
+"""Artifacts of strangers: consistent in themselves, but made to run code, exhaust memory or read other files."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def artifact(tmp_path: Path) -> Path:
 
 
 def seal_again(directory: Path, **changes: Any) -> None:
-    """What a stranger can do: a manifest that fits the files, with whatever it says of arrays."""
+    """What a stranger can do: write a manifest that fits the files and says anything about arrays."""
     before = read_manifest(directory)
     arrays = {
         name: record | changes for name, record in json.loads((directory / MANIFEST).read_text())["arrays"].items()
@@ -68,7 +68,7 @@ def refused(directory: Path) -> None:
 
 
 def test_what_is_sealed_again_can_be_read(artifact: Path) -> None:
-    """Else the tests below would prove nothing."""
+    """Otherwise, the tests below would prove nothing."""
     seal_again(artifact)
     load(artifact).verify()
     np.testing.assert_array_equal(load(artifact).read("values"), np.arange(1000.0))
@@ -125,7 +125,7 @@ def test_descriptions_that_are_not_ours(artifact: Path, change: Callable[[dict[s
 
 
 def test_pickles_of_the_older_format_are_not_touched(artifact: Path, tmp_path: Path) -> None:
-    """zarr would fall back to `.zarray`, whose filters may unpickle objects, and so run what they say."""
+    """zarr would fall back to `.zarray`, whose filters may unpickle objects, and so run the code in them."""
     proof = tmp_path / "executed"
 
     class Bomb:
@@ -205,7 +205,7 @@ def test_chunks_that_unfold_into_something_else(artifact: Path, chunk: bytes) ->
 
 
 def test_other_numbers_under_a_manifest(artifact: Path) -> None:
-    """A chunk that is sound in itself and not the one that was written."""
+    """A chunk that is sound in itself, but not the one that was written."""
     (artifact / CHUNK).write_bytes(zstandard(np.ones(1000).tobytes()))
     seal_again(artifact)
     with pytest.raises(CorruptArtifact, match="numbers that were written"):
@@ -233,7 +233,7 @@ def test_names_that_lead_outside(artifact: Path, where: str, name: str) -> None:
 
 @pytest.mark.parametrize("target", ["file", "folder", "manifest", "pipe"])
 def test_links_and_pipes(artifact: Path, tmp_path: Path, target: str) -> None:
-    """Nothing outside is read, and nobody waits for a pipe."""
+    """Nothing outside is read, and nothing waits for a pipe."""
     outside = tmp_path / "outside"
     paths = {"file": CHUNK, "folder": ARRAY / "c", "manifest": Path(MANIFEST), "pipe": CHUNK}
     path = artifact / paths[target]

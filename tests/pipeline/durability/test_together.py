@@ -1,4 +1,4 @@
-"""Several runs on one store at once, some of them killed: each action is done once, and all end well."""
+"""Several runs at once on one store, some of them killed: each action is done once, and all end well."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ WORKFLOW = """
 
 
 class Several:
-    """Runs of overlapping workflows on one store, in folders of their own."""
+    """Runs of overlapping workflows on one store, each workflow in a folder of its own."""
 
     def __init__(self, folder: Path, seeds: list[str]) -> None:
         self.workspaces = []
@@ -40,7 +40,7 @@ class Several:
         return [commands.start(workspace, *flags, store="../store") for workspace in self.workspaces]
 
     def count(self, what: str) -> Counter[tuple[str, ...]]:
-        """How often each stage told that it did `what`."""
+        """How often each stage reported that it did `what`."""
         lines = [line for workspace in self.workspaces for line in commands.lines_told(workspace)]
         return Counter(tuple(line) for line in lines if line[0] == what)
 
@@ -69,7 +69,7 @@ def test_each_action_is_done_once(tmp_path: Path, seeds: list[str], flags: list[
 
 @pytest.mark.parametrize("flags", [["--serial"], pytest.param(["--workers", "2"], marks=pytest.mark.slow)])
 def test_while_others_are_killed(tmp_path: Path, flags: list[str]) -> None:
-    """Whoever lives finishes what the killed had begun, from their checkpoints; no step is made twice."""
+    """The survivor finishes what the killed runs had begun, from their checkpoints; no step is repeated."""
     several = Several(tmp_path, ["0, 1, 2, 3"] * 3)
     first, second, third = several.start(*flags)
     for process, moment in ((first, 3), (second, 8)):
@@ -87,7 +87,7 @@ def test_while_others_are_killed(tmp_path: Path, flags: list[str]) -> None:
 
 
 def test_two_runs_repair_one_artifact(tmp_path: Path) -> None:
-    """Neither takes away what the other has just made anew."""
+    """Neither removes what the other has just remade."""
     several = Several(tmp_path, ["0, 1, 2, 3"])
     (process,) = several.start("--serial")
     assert process.wait(commands.LONGEST) == 0

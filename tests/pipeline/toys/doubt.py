@@ -1,4 +1,4 @@
-"""Makes a number that it has something to say about."""
+"""Makes a number, and has a remark about it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Draws numbers that nobody can draw again, unless there is a seed; others for others that are given."""
+"""Draws numbers, which nobody can draw again without a seed. Its optional input only makes it another action."""
 
 from __future__ import annotations
 

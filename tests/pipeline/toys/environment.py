@@ -1,4 +1,4 @@
-"""Says what it finds in its environment."""
+"""Writes down some of its environment variables."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pipeline.stage import Context, Output, Parameters, stage
 
 
 class EnvironmentParameters(Parameters):
-    """Nothing to choose."""
+    """No parameters."""
 
 
 @stage(inputs={}, outputs={"page": Output("report")}, version=1)

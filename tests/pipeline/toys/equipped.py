@@ -1,4 +1,4 @@
-"""Counts as well as what is installed allows."""
+"""Counts as precisely as what is installed allows."""
 
 from __future__ import annotations
 

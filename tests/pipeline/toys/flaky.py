@@ -1,4 +1,4 @@
-"""Fails a few times in a way that may pass, and counts its attempts in its scratch directory."""
+"""Fails a few times with an error that may pass; counts its attempts in its scratch directory."""
 
 from __future__ import annotations
 

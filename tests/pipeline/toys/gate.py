@@ -1,4 +1,4 @@
-"""Says that it began, and by which process, and works until a gate is opened."""
+"""Says that it began, and in which process, then waits until a gate is opened."""
 
 from __future__ import annotations
 

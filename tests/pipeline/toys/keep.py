@@ -1,4 +1,4 @@
-"""Keeps two checkpoints and is stopped after that, as a training is by Ctrl-C."""
+"""Saves two checkpoints and is then interrupted, as a training is by Ctrl-C."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shifts numbers by what follows from a key, as far as a level says."""
+"""Shifts numbers by an amount that follows from a key, times a level."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Would measure time, and so wants the machine for itself."""
+"""Stands for a stage that measures time, and so wants the machine to itself."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pipeline.stage import Context, Output, Parameters, stage
 
 
 class MeasureParameters(Parameters):
-    """Nothing to choose."""
+    """No parameters."""
 
 
 @stage(inputs={}, outputs={"numbers": Output("numbers")}, version=1, alone=True)

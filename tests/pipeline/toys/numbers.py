@@ -1,4 +1,4 @@
-"""Makes numbers, from nothing or from a file."""
+"""Makes numbers, from parameters or from a file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Goes on with work that took a thousand seconds."""
+"""Resumes work that has already taken a thousand seconds."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pipeline.stage import Context, Output, Parameters, stage
 
 
 class ResumedParameters(Parameters):
-    """Nothing to choose."""
+    """No parameters."""
 
 
 @stage(inputs={}, outputs={"numbers": Output("numbers")}, version=1)

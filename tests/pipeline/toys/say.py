@@ -1,4 +1,4 @@
-"""Says which command made it."""
+"""Records which command made its result."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lists what its numbers are about, what failed included."""
+"""Lists what its numbers are about, including those that failed."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pipeline.stage import Context, Input, Output, Parameters, stage
 
 
 class TableParameters(Parameters):
-    """Nothing to choose."""
+    """No parameters."""
 
 
 @stage(

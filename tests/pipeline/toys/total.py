@@ -1,4 +1,4 @@
-"""Adds up all numbers, and reports how they were made."""
+"""Adds up all numbers, and lists the stages that they were made by."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pipeline.stage import Context, Input, Output, Parameters, stage
 
 
 class TotalParameters(Parameters):
-    """Nothing to choose."""
+    """No parameters."""
 
 
 @stage(

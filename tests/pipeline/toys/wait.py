@@ -1,4 +1,4 @@
-"""Works until it is asked to stop, keeping a checkpoint; the second time it finishes."""
+"""Works until it is asked to stop, and leaves a checkpoint; the second time it finishes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pipeline.stage import Context, Output, Parameters, stage
 
 
 class WaitParameters(Parameters):
-    """Nothing to choose."""
+    """No parameters."""
 
 
 @stage(inputs={}, outputs={"numbers": Output("numbers")}, version=1)

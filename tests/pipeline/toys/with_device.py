@@ -1,4 +1,4 @@
-"""Passes numbers on, and says which OpenCL device it would draw with."""
+"""Passes numbers on, and logs which OpenCL device it would render on."""
 
 from __future__ import annotations
 

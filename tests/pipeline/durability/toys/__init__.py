@@ -1,1 +1,1 @@
-"""Toy stages that are slow enough to be killed, and that crash, shout and wait."""
+"""Toy stages that are slow enough to be killed, crash, log a lot, or write down what others may read."""

@@ -1,4 +1,4 @@
-"""Crashes, as a driver would, or never comes back from a library."""
+"""Crashes as a driver would, or stays in a library call."""
 
 from __future__ import annotations
 
@@ -25,5 +25,5 @@ def crash(context: Context, parameters: CrashParameters) -> None:
     if parameters.how == "segment":
         ctypes.string_at(0)
     if parameters.how == "library":
-        ctypes.PyDLL(None).sleep(600)  # and holds the interpreter's lock, unlike CDLL
+        ctypes.PyDLL(None).sleep(600)  # holds the interpreter's lock, unlike CDLL
     context.output("numbers").write_file("done.txt", "done")

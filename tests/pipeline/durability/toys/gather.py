@@ -1,4 +1,4 @@
-"""Adds up what others grew."""
+"""Adds up what the `grow` stages made."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Grows arrays step by step with a checkpoint after each: what comes out depends on the steps, not on interruptions."""
+"""Grows arrays step by step, with a checkpoint after each. The result depends on the steps, not on interruptions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Says who can read what it writes while it writes: artifacts, checkpoints, and files that libraries make."""
+"""Records the modes of all it writes while it writes: artifacts, checkpoints, and files that libraries make."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tests.pipeline.durability.toys.told import tell
 
 
 class SpreadParameters(Parameters):
-    """Nothing to choose."""
+    """No parameters."""
 
 
 @stage(
