@@ -1,4 +1,4 @@
-"""Folders from strangers: their links are followed, but not to a folder above, which could be the whole disk."""
+"""What is outside the store: its digest, and links of strangers, which may lead to the whole disk."""
 
 from __future__ import annotations
 
@@ -22,8 +22,9 @@ def test_a_link_that_leads_above_itself_is_told_before_all_that_is_there_is_list
     listed: list[Path] = []
     scan = os.scandir
 
-    def scanned(path: str) -> object:
-        listed.append(Path(path))
+    def scanned(path: str | int) -> object:
+        if not isinstance(path, int):  # a descriptor: what is removed meanwhile, when Python collects its garbage
+            listed.append(Path(path))
         return scan(path)
 
     monkeypatch.setattr(os, "scandir", scanned)
@@ -66,3 +67,27 @@ def test_a_pipe_or_a_device_is_refused_not_waited_for(tmp_path: Path) -> None:
 def test_what_is_not_there_is_told_as_that(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"cannot be read; found No such file"):
         contents_of(tmp_path / "nowhere")
+
+
+def test_the_digest_is_of_names_and_bytes(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        (tmp_path / name / "deep").mkdir(parents=True)
+        (tmp_path / name / "deep" / "x.jpg").write_bytes(b"1")
+        (tmp_path / name / "y.jpg").write_bytes(b"2")
+    digest = contents_of(tmp_path / "a").digest
+    assert contents_of(tmp_path / "b").digest == digest
+    (tmp_path / "b" / "y.jpg").rename(tmp_path / "b" / "z.jpg")
+    assert contents_of(tmp_path / "b").digest != digest
+    (tmp_path / "a" / "deep" / "x.jpg").write_bytes(b"3")
+    assert contents_of(tmp_path / "a").digest != digest
+
+
+def test_links_that_lead_nowhere_or_in_a_circle(tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "x.jpg").symlink_to("missing")
+    with pytest.raises(UserError, match="neither a file nor a folder"):
+        contents_of(tmp_path / "a")
+    (tmp_path / "a" / "x.jpg").unlink()
+    (tmp_path / "a" / "again").symlink_to(tmp_path / "a")
+    with pytest.raises(UserError, match="back to a folder above it"):
+        contents_of(tmp_path / "a")

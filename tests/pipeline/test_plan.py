@@ -1,4 +1,4 @@
-"""What a plan says of a stage that is being run, in another terminal or on another machine."""
+"""What a plan says of a stage: while it is being run elsewhere, how long it took, and how it failed."""
 
 from __future__ import annotations
 
@@ -81,3 +81,21 @@ def test_to_plan_makes_no_locks(workspace: Workspace) -> None:
     before = sorted(store.root.rglob("*.lock"))
     workspace.plan()
     assert sorted(store.root.rglob("*.lock")) == before
+
+
+def test_what_was_found_again_still_says_how_long_it_was_made(workspace: Workspace) -> None:
+    workspace.write("stages:\n  base: {uses: numbers}")
+    workspace.run()
+    result = workspace.plan()["base"].result
+    assert result is not None
+    workspace.run()
+    again = workspace.plan()["base"].result
+    assert again is not None
+    assert again.seconds == result.seconds > 0
+
+
+def test_a_failure_with_other_settings_is_none_of_this_plan(workspace: Workspace) -> None:
+    workspace.write("stages:\n  base: {uses: numbers}\n  bad: {uses: fail, in: {numbers: base}, with: {how: user}}")
+    workspace.run()
+    assert workspace.plan()["bad"].failed is not None
+    assert workspace.plan("bad.how=death")["bad"].failed is None

@@ -1,4 +1,4 @@
-"""The last line of `status`, and the times and failures that a plan knows."""
+"""The last line of `status`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import pytest
 from pipeline.history import StageResult
 from pipeline.plan import Step
 from pipeline.planwords import print_plan
-from tests.pipeline.helpers import Workspace
 
 
 def cached(name: str, key: str, seconds: float) -> Step:
@@ -30,21 +29,3 @@ def test_of_nothing_that_is_cached_no_time_is_told(capsys: pytest.CaptureFixture
     """A workflow that has never run."""
     print_plan({"hide": Step("hide", "run", "c")}, as_json=False)
     assert capsys.readouterr().out.splitlines()[-1] == "1 to run"
-
-
-def test_what_was_found_again_still_says_how_long_it_was_made(workspace: Workspace) -> None:
-    workspace.write("stages:\n  base: {uses: numbers}")
-    workspace.run()
-    result = workspace.plan()["base"].result
-    assert result is not None
-    workspace.run()
-    again = workspace.plan()["base"].result
-    assert again is not None
-    assert again.seconds == result.seconds > 0
-
-
-def test_a_failure_with_other_settings_is_none_of_this_plan(workspace: Workspace) -> None:
-    workspace.write("stages:\n  base: {uses: numbers}\n  bad: {uses: fail, in: {numbers: base}, with: {how: user}}")
-    workspace.run()
-    assert workspace.plan()["bad"].failed is not None
-    assert workspace.plan("bad.how=death")["bad"].failed is None

@@ -223,8 +223,8 @@ def test_what_closes_a_row_is_done_before_the_next_row_begins(workspace: Workspa
     assert list(workspace.run("train.factor=7", stages=["scores"]).states) == ["base[30]", "base[10]", *rows]
 
 
-def test_all_files_from_outside_are_read_before_anything_long(workspace: Workspace) -> None:
-    """That a folder holds no photos shows at once, not after the training of the cover."""
+def test_stages_that_need_no_other_run_first(workspace: Workspace) -> None:
+    """They read what is outside: that a folder holds no photos shows at once, not after the training of the cover."""
     workspace.write("""
         stages:
           cover:   {uses: numbers}

@@ -1,4 +1,4 @@
-"""The store: two writers, damage, what git ignores, and files outside."""
+"""The store: two writers, damage, and what git ignores."""
 
 from __future__ import annotations
 
@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 
 from pipeline.artifact import ArtifactWriter
-from pipeline.errors import UserError
-from pipeline.external import contents_of
 from pipeline.record import Record
 from pipeline.store import Store
 from tests.pipeline.helpers import PROVENANCE, Workspace
@@ -82,27 +80,3 @@ def test_what_git_passes_over_is_no_folder_of_something_else(workspace: Workspac
         if path.is_dir():
             shutil.rmtree(path)
     assert set(workspace.run().states.values()) == {"ran"}
-
-
-def test_external_digest_is_of_names_and_bytes(tmp_path: Path) -> None:
-    for name in ("a", "b"):
-        (tmp_path / name / "deep").mkdir(parents=True)
-        (tmp_path / name / "deep" / "x.jpg").write_bytes(b"1")
-        (tmp_path / name / "y.jpg").write_bytes(b"2")
-    digest = contents_of(tmp_path / "a").digest
-    assert contents_of(tmp_path / "b").digest == digest
-    (tmp_path / "b" / "y.jpg").rename(tmp_path / "b" / "z.jpg")
-    assert contents_of(tmp_path / "b").digest != digest
-    (tmp_path / "a" / "deep" / "x.jpg").write_bytes(b"3")
-    assert contents_of(tmp_path / "a").digest != digest
-
-
-def test_links_that_lead_nowhere_or_in_a_circle(tmp_path: Path) -> None:
-    (tmp_path / "a").mkdir()
-    (tmp_path / "a" / "x.jpg").symlink_to("missing")
-    with pytest.raises(UserError, match="neither a file nor a folder"):
-        contents_of(tmp_path / "a")
-    (tmp_path / "a" / "x.jpg").unlink()
-    (tmp_path / "a" / "again").symlink_to(tmp_path / "a")
-    with pytest.raises(UserError, match="back to a folder above it"):
-        contents_of(tmp_path / "a")

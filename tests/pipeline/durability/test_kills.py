@@ -29,7 +29,7 @@ STAGES = len(SEEDS) + 3
 VICTIMS = ("parent", "worker", "group")
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def expected(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """Digests of what an undisturbed run makes."""
     workspace = Workspace(tmp_path_factory.mktemp("undisturbed"), TOYS).write(WORKFLOW)
