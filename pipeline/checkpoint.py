@@ -34,7 +34,7 @@ from pipeline.canonical import Json
 from pipeline.errors import CorruptArtifact, UserError
 from pipeline.provenance import versions_of
 from pipeline.stage import Context
-from pipeline.store import Store
+from pipeline.store.store import Store
 
 if TYPE_CHECKING:
     import numpy as np

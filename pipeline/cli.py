@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipeline.bash_words import whole_words
-from pipeline.commands_results import export, show
-from pipeline.commands_store import gc, pin, pins, unpin, verify
-from pipeline.console import (
+from pipeline.console.bash_words import whole_words
+from pipeline.console.commands_results import export, show
+from pipeline.console.commands_store import gc, pin, pins, unpin, verify
+from pipeline.console.console import (
     Json,
     Package,
     Settings,
@@ -36,17 +36,17 @@ from pipeline.console import (
     say,
     write_the_rest,
 )
-from pipeline.output import lossy_output, open_closed_streams, spell_what_cannot_be_printed
-from pipeline.process import set_thread_policy
+from pipeline.console.output import lossy_output, open_closed_streams, spell_what_cannot_be_printed
+from pipeline.run.process import set_thread_policy
 
 if TYPE_CHECKING:
+    from pipeline.console.progress import Display
+    from pipeline.console.project import Project
     from pipeline.events import Summary
-    from pipeline.executor import Executor
-    from pipeline.graph import Graph
-    from pipeline.progress import Display
-    from pipeline.project import Project
     from pipeline.resources import Resources
-    from pipeline.store import Store
+    from pipeline.run.executor import Executor
+    from pipeline.store.store import Store
+    from pipeline.workflow.graph import Graph
 
 COMMAND = "gs-hider"  # another name of the same program, which a shell can complete
 
@@ -124,9 +124,9 @@ def run(
     Exit status: 0 done, 1 a stage failed, 2 the command or the workflow is wrong, 130 interrupted.
     """
     with nullcontext() if dry_run else lossy_output(), reported(store):
-        from pipeline.plan import make_plan
-        from pipeline.planwords import print_plan
-        from pipeline.project import open_project
+        from pipeline.console.planwords import print_plan
+        from pipeline.console.project import open_project
+        from pipeline.plan.plan import make_plan
         from pipeline.resources import read_resources
 
         stated = read_resources(resources)
@@ -165,9 +165,9 @@ def status(
     python -m pipeline status workflows/hide_multi.yaml
     """
     with reported(store):
-        from pipeline.plan import make_plan
-        from pipeline.planwords import print_plan
-        from pipeline.project import open_project
+        from pipeline.console.planwords import print_plan
+        from pipeline.console.project import open_project
+        from pipeline.plan.plan import make_plan
 
         project = open_project(workflow, store, settings or [], package, vars_files or [], make=False)
         print_plan(make_plan(project.graph, project.store), as_json)
@@ -198,12 +198,12 @@ def explain(
         because hide: parameter lambda_message: 0.3 → 1.0
     """
     with reported(store):
-        from pipeline.explanation import as_json as fields_of
-        from pipeline.explanation import explain as explained
-        from pipeline.explanation import in_words
-        from pipeline.plan import make_plan
-        from pipeline.project import open_project
-        from pipeline.wording import duration
+        from pipeline.console.project import open_project
+        from pipeline.console.wording import duration
+        from pipeline.plan.explanation import as_json as fields_of
+        from pipeline.plan.explanation import explain as explained
+        from pipeline.plan.explanation import in_words
+        from pipeline.plan.plan import make_plan
 
         project = open_project(workflow, store, settings or [], package, vars_files or [], make=False, stages=[stage])
         steps = make_plan(project.graph, project.store)
@@ -240,8 +240,8 @@ def accept(
     that changed. Exit status 2 if nothing can be kept. Explanations and reports mention that a result was accepted.
     """
     with reported(store):
-        from pipeline.accept import acceptances, keep, still_to_accept
-        from pipeline.project import open_project
+        from pipeline.console.project import open_project
+        from pipeline.plan.accept import acceptances, keep, still_to_accept
         from pipeline.provenance import git_commit
 
         project = open_project(workflow, store, settings or [], package, vars_files or [], make=False, stages=[stage])
@@ -285,10 +285,10 @@ def graph(
     python -m pipeline graph workflows/hide_multi.yaml --svg hide_multi.svg
     """
     with reported(store):
+        from pipeline.console.planwords import box, node_as_json
+        from pipeline.console.project import open_project
         from pipeline.drawing import draw
-        from pipeline.plan import make_plan
-        from pipeline.planwords import box, node_as_json
-        from pipeline.project import open_project
+        from pipeline.plan.plan import make_plan
 
         project = open_project(workflow, store, settings or [], package, vars_files or [], make=False)
         nodes = project.graph.nodes.values()
@@ -310,11 +310,11 @@ def _run(
     project: Project, graph: Graph, make_executor: Callable[[Display], Executor], captures: bool, as_json: bool
 ) -> Summary:
     """Runs a graph and displays it. `make_executor` is called only if there is work to do, and may display notes."""
+    from pipeline.console.progress import make_display
+    from pipeline.console.wording import summary_words
     from pipeline.events import Noted
-    from pipeline.other_runs import MIXED, beside_others
-    from pipeline.progress import make_display
-    from pipeline.runner import Run
-    from pipeline.wording import summary_words
+    from pipeline.run.runner import Run
+    from pipeline.store.other_runs import MIXED, beside_others
 
     display = make_display(graph.workflow, len(graph.nodes), json=as_json)
     with display, beside_others(project.store, graph.workflow) as others:
@@ -332,7 +332,7 @@ def _run(
 
 
 def _store_words(store: Store) -> str:
-    from pipeline.absent_store import AbsentStore
+    from pipeline.store.absent_store import AbsentStore
 
     where = store.address if "://" in store.address else near(store.root)
     return f"The store is {where}{', which does not exist yet' if isinstance(store, AbsentStore) else ''}"
@@ -341,10 +341,12 @@ def _store_words(store: Store) -> str:
 def _executor_maker(workers: int, scheduler: str | None, resources: Resources, serial: bool) -> Callable[[], Executor]:
     def make() -> Executor:
         if serial:
-            from pipeline.executor import SerialExecutor
+            from pipeline.run.executor import SerialExecutor
 
             return SerialExecutor()
-        from pipeline.cluster import DaskExecutor  # importing dask takes a second, which a cached run should not spend
+        from pipeline.run.cluster import (
+            DaskExecutor,  # importing dask takes a second, which a cached run should not spend
+        )
 
         return DaskExecutor(workers, scheduler, resources)
 
@@ -357,13 +359,13 @@ def _made_ready(make: Callable[[], Executor], graph: Graph, store: Store, here: 
     If the workers are `here`, first checks that they can do the work. Raises UserError if they cannot, and RemoteError
     if they are `here` and the bucket cannot be reached.
     """
+    from pipeline.console.project import LIBRARIES
     from pipeline.errors import RemoteError
     from pipeline.events import Noted
-    from pipeline.foretelling import foretold
-    from pipeline.plan import make_plan
-    from pipeline.project import LIBRARIES
-    from pipeline.readiness import check_readiness
-    from pipeline.room import lacking_room
+    from pipeline.plan.foretelling import foretold
+    from pipeline.plan.plan import make_plan
+    from pipeline.plan.readiness import check_readiness
+    from pipeline.plan.room import lacking_room
 
     try:
         steps = make_plan(graph, store)

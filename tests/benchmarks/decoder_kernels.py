@@ -19,7 +19,7 @@ from torch.nn.functional import conv2d
 
 from opencl.convolution import convolve
 from opencl.pixel_decoder import decode_pixels
-from pipeline.freed_memory import keep_freed_memory
+from pipeline.run.freed_memory import keep_freed_memory
 from tests.opencl import test_separation
 
 REPEATS = 15

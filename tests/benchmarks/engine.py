@@ -19,17 +19,17 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.graph import Node, Source
-from pipeline.history import StageResult
-from pipeline.keys import key_of, key_parts
+from pipeline.console.project import open_project
 from pipeline.manifest import FileRecord, Manifest
-from pipeline.opening import open_store
-from pipeline.project import open_project
+from pipeline.plan.keys import key_of, key_parts
 from pipeline.provenance import machine
-from pipeline.record import RECORD, Record
-from pipeline.sealed import sealed
 from pipeline.stage import output_is_private
-from pipeline.store import Store
+from pipeline.store.history import StageResult
+from pipeline.store.opening import open_store
+from pipeline.store.record import RECORD, Record
+from pipeline.store.sealed import sealed
+from pipeline.store.store import Store
+from pipeline.workflow.graph import Node, Source
 
 WORKFLOW = Path(__file__).parents[2] / "workflows" / "batch_pairs.yaml"
 FILES = {f"part{number}": b"what a stage made" for number in range(3)}

@@ -35,7 +35,7 @@ import torch
 from opencl.routes import describe_drawing, working_device
 from pipeline.artifact import load
 from pipeline.checkpoint import Checkpoints
-from pipeline.freed_memory import keep_freed_memory
+from pipeline.run.freed_memory import keep_freed_memory
 from pipeline.stage import Context, Services
 from stages.hiding.method import build_method, move_networks
 from stages.hiding.rendering import COVER

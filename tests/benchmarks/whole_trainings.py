@@ -20,7 +20,7 @@ import torch
 
 from opencl.routes import describe_drawing, working_device
 from pipeline.artifact import Artifact, load
-from pipeline.freed_memory import keep_freed_memory
+from pipeline.run.freed_memory import keep_freed_memory
 from pipeline.stage import Parameters, Services, Stage, run_stage
 from stages.evaluate import EvaluateParameters, evaluate
 from stages.hide_scenes import HideScenesParameters, hide_scenes

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from pipeline.garbage import Collection, Rules, collect
-from pipeline.opening import open_store
-from pipeline.store import Store
-from pipeline.verification import verify_store
+from pipeline.store.garbage import Collection, Rules, collect
+from pipeline.store.opening import open_store
+from pipeline.store.store import Store
+from pipeline.store.verification import verify_store
 from tests.pipeline.helpers import Workspace
 
 

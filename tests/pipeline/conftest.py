@@ -46,7 +46,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
 
 @pytest.fixture
 def remote(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Elsewhere:
-    from pipeline.bucket import Bucket
+    from pipeline.store.bucket.bucket import Bucket
     from tests.pipeline.elsewhere import SECRET, Elsewhere
 
     for name in [name for name in os.environ if name.startswith(("AWS_", "GS_HIDER_"))]:

@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 import s3fs
 
-from pipeline.opening import open_store
-from pipeline.project import Project, open_project
-from pipeline.remote import RemoteStore
+from pipeline.console.project import Project, open_project
+from pipeline.store.bucket.remote import RemoteStore
+from pipeline.store.opening import open_store
 from tests.pipeline.helpers import TOYS, Workspace
 
 ROOT = Path(__file__).parents[2]

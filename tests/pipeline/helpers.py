@@ -10,14 +10,24 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.artifact import Artifact
+from pipeline.console.project import Project, open_project
 from pipeline.errors import WorkflowError
 from pipeline.events import Event, StageEnded, Summary
-from pipeline.executor import Executor, SerialExecutor
-from pipeline.plan import Step, make_plan
-from pipeline.project import Project, open_project
-from pipeline.runner import RETRIES, Run
+from pipeline.plan.plan import Step, make_plan
+from pipeline.run.executor import Executor, SerialExecutor
+from pipeline.run.runner import RETRIES, Run
 
 TOYS = "tests.pipeline.toys"
+CHAIN = """
+    name: chain
+    vars: {count: 3, factor: 2.0}
+    stages:
+      base:  {uses: numbers, with: {count: "${count}"}}
+      twice: {uses: scale, in: {numbers: base}, with: {factor: "${factor}"}}
+      other: {uses: scale, in: {numbers: base}, with: {factor: 5}}
+      sum:   {uses: total, in: {numbers: [twice, other.numbers]}}
+    """
+"""A workflow of four stages: one makes numbers, two scale them, one adds up what these make."""
 PROVENANCE: Mapping[str, object] = {
     "started": "2026-01-01T00:00:00+00:00",
     "seconds": 1.0,

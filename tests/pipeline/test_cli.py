@@ -14,8 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.pipeline.helpers import TOYS, Workspace
-from tests.pipeline.test_runner import CHAIN
+from tests.pipeline.helpers import CHAIN, TOYS, Workspace
 
 ROOT = Path(__file__).parents[2]
 

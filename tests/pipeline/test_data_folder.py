@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from pipeline.code.declaration import check_completed, import_stage, validate
 from pipeline.data_folder import data_files
-from pipeline.declaration import check_completed, import_stage, validate
 from pipeline.errors import UserError
 from tests.pipeline.helpers import TOYS, Workspace
 

@@ -16,10 +16,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pipeline.executor import SerialExecutor, Work
-from pipeline.explanation import explain, in_words
-from pipeline.plan import make_plan
+from pipeline.plan.explanation import explain, in_words
+from pipeline.plan.plan import make_plan
 from pipeline.resources import Resources
+from pipeline.run.executor import SerialExecutor, Work
 from tests.pipeline.helpers import Ran, Workspace
 from tests.pipeline.model import DEFAULTS, KINDS, TEMPLATES, Folder, StageNode, World
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.opening import open_store
+from pipeline.store.opening import open_store
 
 PLANS = ("sources", "declarations")
 """Folders of a store's cache that hold it."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pipeline.project import open_project
+from pipeline.console.project import open_project
 
 WORKFLOW = Path(__file__).parents[2] / "workflows" / "hide_edits.yaml"
 

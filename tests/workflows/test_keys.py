@@ -13,10 +13,10 @@ from pathlib import Path
 
 import pytest
 
-from pipeline import fingerprint
-from pipeline.graph import Node, Source
-from pipeline.keys import key_of, key_parts
-from pipeline.project import open_project
+from pipeline.code import fingerprint
+from pipeline.console.project import open_project
+from pipeline.plan.keys import key_of, key_parts
+from pipeline.workflow.graph import Node, Source
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("stages", "opencl")

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.graph import Graph, Node
-from pipeline.loss import is_read
-from pipeline.project import open_project
+from pipeline.console.project import open_project
+from pipeline.plan.loss import is_read
+from pipeline.workflow.graph import Graph, Node
 
 WORKFLOWS = Path(__file__).parents[2] / "workflows"
 FOR_OWNERS = {

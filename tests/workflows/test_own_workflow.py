@@ -6,7 +6,7 @@ import re
 import textwrap
 from pathlib import Path
 
-from pipeline.project import open_project
+from pipeline.console.project import open_project
 from tests.stages.test_photos import take
 
 WORKFLOWS = Path(__file__).parents[2] / "workflows"

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from pipeline.store import Store
+from pipeline.store.store import Store
 from tests.pipeline.helpers import Workspace
 
 ROOT = Path(__file__).parents[3]

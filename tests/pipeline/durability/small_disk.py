@@ -12,7 +12,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from pipeline.store import Store
+from pipeline.store.store import Store
 from tests.pipeline.durability import commands
 from tests.pipeline.durability.commands import TOYS
 from tests.pipeline.helpers import Workspace

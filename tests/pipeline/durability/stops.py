@@ -27,7 +27,7 @@ import distributed  # noqa: F401 — loaded once, here, and not in every child
 import zarr  # noqa: F401
 
 from pipeline import cli
-from pipeline.store import Store
+from pipeline.store.store import Store
 from tests.pipeline.durability.commands import check_whole, finished
 from tests.pipeline.helpers import Workspace
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pipeline.store import Store
+from pipeline.store.store import Store
 from tests.pipeline.durability import commands
 from tests.pipeline.durability.commands import TOYS
 from tests.pipeline.helpers import Workspace

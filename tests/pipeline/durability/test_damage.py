@@ -14,9 +14,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pipeline.errors import CorruptArtifact, PipelineError
-from pipeline.store import Store
-from tests.pipeline.helpers import Ran, Workspace
-from tests.pipeline.test_runner import CHAIN
+from pipeline.store.store import Store
+from tests.pipeline.helpers import CHAIN, Ran, Workspace
 
 RESULTS = [("base", "numbers"), ("twice", "numbers"), ("other", "numbers"), ("sum", "total"), ("sum", "key")]
 VALUES = {"base": [0, 1, 2], "twice": [0, 2, 4], "other": [0, 5, 10]}

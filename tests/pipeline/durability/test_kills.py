@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.store import Store
+from pipeline.store.store import Store
 from tests.pipeline.durability import commands
 from tests.pipeline.durability.commands import TOYS
 from tests.pipeline.helpers import Workspace

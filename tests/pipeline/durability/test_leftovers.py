@@ -9,16 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.artifact import ArtifactWriter
-from pipeline.history import History, StageResult
-from pipeline.store import Store
+from pipeline.store.history import History, StageResult
+from pipeline.store.store import Store
 from tests.pipeline.durability.commands import ROOT
-from tests.pipeline.helpers import PROVENANCE, Workspace
-from tests.pipeline.test_runner import CHAIN
+from tests.pipeline.helpers import CHAIN, PROVENANCE, Workspace
 
 WRITES = """
 import os, signal, sys
 from pathlib import Path
-from pipeline.store import Store
+from pipeline.store.store import Store
 store = Store(Path(sys.argv[1]))
 path = store.temporary()
 path.mkdir()

@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.store import Store
-from tests.pipeline.helpers import Workspace
-from tests.pipeline.test_runner import CHAIN
+from pipeline.store.store import Store
+from tests.pipeline.helpers import CHAIN, Workspace
 
 
 class Recorder:

@@ -12,10 +12,9 @@ import numpy as np
 import pytest
 
 from pipeline.artifact import ArtifactWriter
-from pipeline.store import Store
+from pipeline.store.store import Store
 from tests.pipeline.durability.commands import TOYS
-from tests.pipeline.helpers import PROVENANCE, Workspace
-from tests.pipeline.test_runner import CHAIN
+from tests.pipeline.helpers import CHAIN, PROVENANCE, Workspace
 
 
 @pytest.fixture(params=[0o000, 0o022, 0o077])

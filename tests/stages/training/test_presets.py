@@ -7,7 +7,7 @@ import json
 import pytest
 from pydantic import ValidationError
 
-from pipeline.declaration import validate
+from pipeline.code.declaration import validate
 from stages.hide_image import HideImageParameters
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 

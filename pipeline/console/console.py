@@ -1,0 +1,157 @@
+"""What all commands share: their options, and how errors are reported."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline.console.completion import (
+    complete_artifact,
+    complete_setting,
+    complete_stage,
+    complete_vars,
+    complete_workflow,
+)
+from pipeline.disk import words_of
+from pipeline.errors import PipelineError, UserError
+from pipeline.store.external import from_home
+
+WorkflowFile = Annotated[
+    Path,
+    typer.Argument(metavar="WORKFLOW", help="The workflow file.", show_default=False, autocompletion=complete_workflow),
+]
+StageName = Annotated[
+    str,
+    typer.Argument(
+        metavar="STAGE", help="A stage, or one item of it.", show_default=False, autocompletion=complete_stage
+    ),
+]
+StageNames = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="STAGE", help="Only these and what they need.", show_default=False, autocompletion=complete_stage
+    ),
+]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="NAME=VALUE",
+        help="Sets a var, or a parameter as STAGE.PARAMETER. Repeatable.",
+        autocompletion=complete_setting,
+    ),
+]
+VarsFiles = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--vars",
+        metavar="FILE",
+        help="Sets vars from a YAML file; later files override earlier ones, --set overrides all. Repeatable.",
+        autocompletion=complete_vars,
+    ),
+]
+StoreAddress = Annotated[
+    str,
+    typer.Option(
+        "--store",
+        metavar="DIR",
+        envvar="GS_HIDER_STORE",
+        help="Where results are kept: a folder or s3://BUCKET/PREFIX.",
+    ),
+]
+Package = Annotated[str, typer.Option("--stages", metavar="PACKAGE", help="The package whose modules are the stages.")]
+Json = Annotated[bool, typer.Option("--json", help="Prints one JSON object per line.")]
+ArtifactName = Annotated[
+    str,
+    typer.Argument(
+        metavar="ARTIFACT",
+        help="WORKFLOW/STAGE.OUTPUT as in the store's folder `latest` (or STAGE.OUTPUT, or STAGE, where that is "
+        "unambiguous), at least 6 characters of a digest, or the path of an artifact.",
+        show_default=False,
+        autocompletion=complete_artifact,
+    ),
+]
+Reveal = Annotated[
+    bool,
+    typer.Option("--reveal", help="Shows private contents, and allows writing them to public places."),
+]
+
+
+@contextmanager
+def reported(store: Path | str) -> Iterator[None]:
+    """Reports errors as messages, and exits: with 2 for bad input, 1 for other errors, 130 after Ctrl-C.
+
+    Exceptions that are neither ours nor the system's are defects of the engine, and keep their traceback.
+    """
+    try:
+        yield
+    except UserError as error:
+        say(str(error))
+        raise typer.Exit(2) from None
+    except PipelineError as error:
+        say(str(error))
+        raise typer.Exit(1) from None
+    except BrokenPipeError:
+        _write_no_more()
+        raise typer.Exit(1) from None
+    except OSError as error:
+        say(words_of(error, store if "://" in str(store) else from_home(store)))
+        raise typer.Exit(1) from None
+    except KeyboardInterrupt:
+        say(f"Interrupted immediately; finished stages are kept. To continue: {command_line()}")
+        raise typer.Exit(130) from None
+
+
+def write_the_rest() -> None:
+    """Flushes standard output; if its reader is gone, Python itself would complain at exit."""
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        _write_no_more()
+
+
+def _write_no_more() -> None:
+    """Discards further output: its reader is gone."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def say(text: str) -> None:
+    """Prints a message to standard error."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def near(path: Path) -> Path:
+    """The path as one would type it here: relative if it is below the current folder."""
+    return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
+
+
+def command_line() -> str:
+    """The command that is being executed, with the interpreter as it was named."""
+    return _typed(sys.argv[1:])
+
+
+def command_line_with(context: typer.Context, **others: str) -> str:
+    """The command that is being executed, with `others` in place of the values that were given for these parameters."""
+    words = [str(context.info_name)]
+    for parameter in context.command.params:
+        name = str(parameter.name)
+        source = context.get_parameter_source(name)
+        if source is None or source.name != "COMMANDLINE":
+            continue
+        value = others.get(name, context.params[name])
+        option = [parameter.opts[0]] if parameter.param_type_name == "option" else []
+        for each in value if isinstance(value, list | tuple) else [value]:
+            words += option if each is True else [*option, str(each)]
+    return _typed(words)
+
+
+def _typed(words: Sequence[str]) -> str:
+    """The words of a command as one would type it in a shell."""
+    return shlex.join([sys.orig_argv[0], "-m", "pipeline", *words])

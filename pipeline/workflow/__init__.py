@@ -1,0 +1,1 @@
+"""From the workflow file to the graph of its stages, with every reference resolved."""
