@@ -1,4 +1,4 @@
-"""What tests of several stages look at."""
+"""Fixtures for tests of several stages."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pipeline.stage import Context
 
 @pytest.fixture
 def recorded(monkeypatch: pytest.MonkeyPatch) -> dict[str, Json]:
-    """What a stage says of itself while a test runs."""
+    """The facts that stages record while a test runs."""
     facts: dict[str, Json] = {}
     monkeypatch.setattr(Context, "record", lambda context, **told: facts.update(told))
     return facts

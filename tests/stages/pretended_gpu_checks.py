@@ -1,6 +1,6 @@
-"""On a GPU that is only pretended, stages make the very bits that they make on the CPU.
+"""On a pretended GPU, stages make exactly the bits that they make on the CPU.
 
-No file of tests by its name: `test_pretended_gpu.py` runs it in a process of its own, as the pretence needs.
+Its name is not that of a test file: `test_pretended_gpu.py` runs it in a process of its own, as the pretence needs.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ HIDING = {"iterations": 6, "decoder_width": 8, "feature_dim": 8}
 
 @dataclass(frozen=True)
 class Job:
-    """A stage, and where its inputs come from: a file of `small` or `watermarks`, or what another job makes."""
+    """A stage, and where its inputs come from: `FILES`, or the outputs of another job."""
 
     stage: Stage
     parameters: Parameters
@@ -214,7 +214,7 @@ FILES: dict[str, Callable[[Path], Artifact]] = {
 
 @pytest.fixture(autouse=True)
 def little_work_and_the_same_kernels(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """The CPU's own tensors have kernels that a GPU's have not, which is none of the matter here."""
+    """Tensors on the CPU have special kernels, which would make other bits than those for a GPU."""
     monkeypatch.setattr(convolution, "can_convolve", lambda *_: False)
     monkeypatch.setattr(decoders, "works_in_place", lambda _: False)
     monkeypatch.setattr(homogeneous, "works_in_place", lambda _: False)
@@ -227,7 +227,7 @@ def little_work_and_the_same_kernels(monkeypatch: pytest.MonkeyPatch) -> Iterato
 
 @pytest.fixture(scope="module")
 def on_cpu(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], dict[str, Artifact]]:
-    """What each job makes on the CPU; of files, the file under its own name."""
+    """What each job makes on the CPU; for a name in `FILES`, that file."""
     folder = tmp_path_factory.mktemp("cpu")
 
     @functools.cache
@@ -290,7 +290,7 @@ ITERATIONS = 46
 
 
 def training_on(device: torch.device, method: str) -> Training:
-    """One in which Gaussians are refined six times, opacities are reset twice, and averages are taken."""
+    """A training that refines Gaussians six times, resets opacities twice, and takes averages."""
     density = DensitySettings(gradient_threshold=1e-7, dense_fraction=0.2, largest_fraction=2, maximum_gaussians=70)
     made = prepared(method, ITERATIONS, density=density)
     move_networks(made.method, device)
@@ -325,7 +325,7 @@ def test_a_training_that_goes_on_from_a_checkpoint(method: str) -> None:
 
 
 def test_the_script_to_run_first_on_a_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its own tensors are where it says."""
+    """The script's own tensors are on the device that it names."""
     monkeypatch.setattr(torch.cuda, "synchronize", lambda: None)
     monkeypatch.setattr(torch.cuda, "Stream", lambda: None)
     monkeypatch.setattr(torch.cuda, "stream", lambda stream: nullcontext())

@@ -1,4 +1,4 @@
-"""Artifacts that small stages work on: a scene of eight small pictures, a message's views of it, trained splats."""
+"""Small artifacts for tests of stages: a scene of eight pictures, a message's views from its cameras, splats."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NAMES = tuple(f"{view:03d}.png" for view in range(VIEWS))
 
 
 def pictures(seed: int) -> np.ndarray:
-    """Each view's picture: a slope of two colours, and noise."""
+    """A picture for each view: a gradient from black to a colour, with noise."""
     generator = np.random.default_rng(seed)
     slope = np.linspace(0, 1, WIDTH)[None, None, :, None]
     shades = slope * generator.uniform(0, 200, (VIEWS, 1, 1, 3)) + generator.uniform(0, 56, (VIEWS, HEIGHT, WIDTH, 3))
@@ -35,7 +35,7 @@ def points() -> np.ndarray:
 
 
 def scene(folder: Path, test_views: int = 1, private: bool = False) -> Artifact:
-    """Its first views are the test views."""
+    """A scene whose first views are the test views."""
     poses, intrinsics = orbit(VIEWS, WIDTH, HEIGHT, seed=1)
     cameras = Cameras(NAMES, poses, intrinsics, WIDTH, HEIGHT)
     colors = np.full((60, 3), 128, np.uint8)

@@ -1,4 +1,4 @@
-"""A container gets a grain before it is sealed, or none, and then it is the very same one."""
+"""A container gets a grain before it is sealed, or none, and then it stays exactly the same."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def hidden(folder: Path, method: str) -> Made:
 
 @pytest.mark.parametrize("method", ["homogeneous", "gs_hider", "sh", "decoder"])
 def test_without_a_grain_it_is_the_very_same_container(tmp_path: Path, method: str) -> None:
-    """So that what was made of it before there was a choice is not made again."""
+    """So that nothing made from it has to be made again."""
     given = hidden(tmp_path, method)
     parameters = AddGrainParameters(method=method, level=0)
     left = run_stage(add_grain, parameters, given, tmp_path / "left", private=True)["container"]
@@ -74,7 +74,7 @@ def test_cover_and_message_of_a_container_with_a_grain_are_read_once_it_is_seale
 
 
 def test_without_a_grain_its_key_is_unread(tmp_path: Path) -> None:
-    """It says so of itself, and then which key it is given changes nothing."""
+    """The stage declares so, and at level 0 the choice of the key changes nothing."""
     assert add_grain.unread == {"key": {"level": 0}}
     given = hidden(tmp_path, "homogeneous")
     digests = {

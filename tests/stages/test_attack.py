@@ -1,4 +1,4 @@
-"""A container is attacked and measured, by every attack that it can be attacked by, and nothing of it is public."""
+"""A container is attacked and measured, with every attack that applies to it, and no measurement is public."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The paper's tables: ours beside its own, relations that are computed, and nothing of messages for the public."""
+"""The paper's tables: ours beside its own, computed relations, and nothing about messages for the public."""
 
 from __future__ import annotations
 
@@ -48,10 +48,10 @@ def markdown(made: dict[str, Artifact], output: str = "owner") -> str:
 
 
 def table(text: str, caption: str) -> dict[tuple[str, ...], dict[str, str]]:
-    """The lines of a table of the Markdown file by their names, each a mapping from heading to what is written.
+    """The lines of a table of the Markdown file by their names, each a mapping from heading to text.
 
-    Names come before figures, before what relations are asked for, which begin at the left as well, and before the
-    average, which does where nothing was measured.
+    Names are the columns before the first figures, which are aligned right. `Required`, and an `Average` without any
+    figure, are aligned left like names, but are not among them.
     """
     rows = text[text.index(f"**{caption}**") :].split("\n\n")[1].splitlines()
     cells = [[cell.strip() for cell in row.strip("|").split(" | ")] for row in rows]
@@ -207,7 +207,7 @@ def test_the_page_is_whole_and_fetches_nothing(everything: dict[str, Artifact]) 
 
 
 def test_the_public_learns_of_no_message(everything: dict[str, Artifact]) -> None:
-    """Not even from the command, the methods' names or the paper's figures."""
+    """Not even from the command, the names of methods or the paper's figures."""
     assert everything["owner"].private
     assert not everything["public"].private
     assert everything["public"].files == ("figures.csv", "report.html", "tables.md")

@@ -1,4 +1,4 @@
-"""A watermark is found in what has it, and whatever a reader takes for it elsewhere is counted, scene by scene."""
+"""A watermark is found where it is, and whatever a reader takes for it elsewhere is counted, scene by scene."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def inputs(tmp_path: Path) -> Inputs:
 
 @dataclass(frozen=True)
 class Trial:
-    """What `detect_watermark` has tried, by 4 new cameras, and what it wrote of the cover's fidelity."""
+    """What `detect_watermark` tried, with 4 new cameras, and its rows on the cover's fidelity."""
 
     positives: Positives
     negatives: list[Negative]
@@ -84,7 +84,7 @@ class Trial:
 
 @pytest.fixture
 def given(tmp_path: Path, inputs: Inputs) -> Inputs:
-    """A container that changed, and two other captures, each with its photos, scene and splats."""
+    """A watermarked container, and two other captures, each with its photos, scene and splats."""
     others = range(2)
     return {
         **inputs,
@@ -153,7 +153,7 @@ def test_distorted_renders_are_what_is_looked_at() -> None:
         assert not np.array_equal(found, view), distortion.name
 
 
-@pytest.mark.slow  # half a minute: every distortion of every attacked container is looked at
+@pytest.mark.slow  # half a minute: it looks at every distortion of every attacked container
 def test_grain_is_found_by_its_owner_alone(tmp_path: Path) -> None:
     gaussians, method = scenes.cloud()
     before = watermarks.stored_splats(tmp_path / "before", gaussians, method)
@@ -234,9 +234,9 @@ def test_every_look_is_counted() -> None:
 
 
 def test_false_positives_at_99_percent_are_those_that_outdo_the_worst_renders() -> None:
-    """Of 100 renders one may be missed; a decoder that shows the picture itself explains as much as it is bright.
+    """One of 100 renders may be missed. The decoder shows the picture itself: brighter ones explain more.
 
-    Those that are counted as found have no say: three of them show less.
+    Renders that are scored do not set the threshold: three of them are darker.
     """
 
     def grey(level: int) -> Picture:
@@ -262,7 +262,7 @@ def test_false_positives_at_99_percent_are_those_that_outdo_the_worst_renders() 
 @pytest.mark.parametrize(("own_share", "found"), [(0.75, 1), (0.8, 0), (None, 1)])
 def test_a_threshold_that_is_known_is_kept_whatever_renders_reach(own_share: float | None, found: float) -> None:
     picture = np.full((6, 8, 3), 200, np.uint8)
-    detector = Detector(lambda shown: torch.full(shown.shape, 0.55 * 200 / 255), picture, own_share)  # 0.7975 of it
+    detector = Detector(lambda shown: torch.full(shown.shape, 0.55 * 200 / 255), picture, own_share)  # share 0.7975
     rows = trial_rows(detector, Positives([("0.png", picture)], [picture], []), [], 0, lambda: None)
     values = {(row.quantity, row.condition): row.value for row in rows}
     assert values[DETECTED, CLEAN_CHANNEL] == found
@@ -326,7 +326,7 @@ def test_photos_of_other_things_are_tried_with_noise_too(
 
 
 def test_photos_of_the_cover_are_those_of_its_test_views(tmp_path: Path, inputs: Inputs) -> None:
-    """Training views are what decoders learnt from: here they alone are white, and no white one is looked at."""
+    """Decoders learnt from training views: here only they are white, and no white photo is returned."""
     scene = read_scene(cast(Artifact, inputs["cover"]))
     white, black = (np.full((48, 64, 3), level, np.uint8) for level in (255, 0))
     files = {name: black if name in scene.test_names else white for name in scene.cameras.names}

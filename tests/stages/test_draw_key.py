@@ -1,4 +1,4 @@
-"""A key is nobody's to guess, unless an experiment asks for one that can be drawn again."""
+"""Nobody can guess a key, unless an experiment asks for one that can be drawn again."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Edits: what is inside a region changes, what is outside stays as it is."""
+"""Edits change what is inside a region and leave the rest as it is."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def splats(folder: Path, degree: int = 1) -> Artifact:
 
 
 def edited(folder: Path, edits: list[dict], **more: Artifact) -> tuple[Gaussians, Gaussians, Artifact]:
-    """The Gaussians before and after, each in the order of their places."""
+    """The Gaussians before and after, sorted by position, and the edited splats."""
     given = splats(folder / "given")
     parameters = EditSplatsParameters.model_validate_json(json.dumps({"edits": edits}))
     made = run_stage(edit_splats, parameters, {"splats": given, **more}, folder / "out")["splats"]
@@ -71,7 +71,7 @@ def test_recolouring_changes_colours_inside_only(tmp_path: Path) -> None:
 
 
 def test_edits_are_made_one_after_the_other(tmp_path: Path) -> None:
-    """Grey after the turn of hues, of everything, then half of it removed."""
+    """Hues are turned, then everything is made grey, then half of it is removed."""
     edits = [{"edit": "recolour", "hue": 90}, {"edit": "recolour", "saturation": 0}, {"edit": "remove", "region": HALF}]
     before, after, _ = edited(tmp_path, edits)
     assert len(after) == int((before.means[:, 0] < 0).sum())
@@ -79,7 +79,7 @@ def test_edits_are_made_one_after_the_other(tmp_path: Path) -> None:
 
 
 def test_coordinates_of_the_rig(tmp_path: Path) -> None:
-    """The same region, said in the world's coordinates and as shares of the cameras' distance."""
+    """The same region, given in world coordinates and as shares of the cameras' distance."""
     scene = small.scene(tmp_path / "scene")
     read = read_scene(scene)
     frame = rig_frame(rig_of(read.cameras, read.points))
@@ -95,7 +95,7 @@ def test_coordinates_of_the_rig(tmp_path: Path) -> None:
 
 
 def test_adding_places_a_part_of_other_splats(tmp_path: Path) -> None:
-    """In the world's coordinates: enlarged and turned about the origin, then moved; harmonics of the higher degree."""
+    """In world coordinates: scaled and turned about the origin, then moved; the higher degree of harmonics is kept."""
     added = splats(tmp_path / "added", degree=2)
     add = {"edit": "add", "only": HALF, "scale": 2, "turn": [0, 0, 90], "place": [0, 0, 10], "coordinates": "world"}
     before, after, made = edited(tmp_path, [add], added=added)

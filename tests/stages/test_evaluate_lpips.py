@@ -1,4 +1,4 @@
-"""LPIPS is measured as far as its weights are installed, and what is asked for beyond that is part of no key."""
+"""LPIPS is measured with the networks whose weights are installed, and only these become part of the key."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_as_far_as_installed(
 def test_pictures_that_a_network_is_too_deep_for_are_scored_without_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """They are 32 x 24 pixels: VGG16 needs 16 a side, AlexNet 31."""
+    """Pictures are 32 x 24 pixels: VGG16 needs 16 a side, AlexNet 31."""
     monkeypatch.setattr(stage, "weights_installed", lambda network: True)
     monkeypatch.setattr(stage, "load_lpips", lambda network, device: Lpips(network, random_weights(network), device))
     log: list[str] = []

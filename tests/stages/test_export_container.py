@@ -1,4 +1,4 @@
-"""From a container in the store to files and back: the same artifacts, bit for bit, and no more said than is public."""
+"""From a container in the store to files and back: the same artifacts, bit for bit, and only public facts in files."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ COLUMNS_OF_3DGS = [
 
 
 def stored(folder: Path, name: str, count: int = 20, messages: tuple[str, ...] = ()) -> tuple[Artifact, Artifact]:
-    """A container and its secret as a stage writes them, every value random."""
+    """A container and its secret as a stage writes them, with random values."""
     torch.manual_seed(count)
     method = build_method(name, SETTINGS[name] | ({"messages": messages} if messages else {}))
     generator = np.random.default_rng(count)
@@ -102,7 +102,7 @@ def test_without_the_secret_the_container_comes_back_alone(tmp_path: Path, name:
 
 
 def test_what_is_public_tells_nothing_of_messages(tmp_path: Path) -> None:
-    """Whether there are messages, and how many, changes nothing but numbers."""
+    """Whether there are messages, and how many, changes only values of Gaussians and weights."""
     files = {}
     for count in (0, 1, 2):
         container, secret = stored(tmp_path / str(count), "gs_hider", messages=tuple(MESSAGES[:count]))
@@ -119,7 +119,7 @@ def test_what_is_public_tells_nothing_of_messages(tmp_path: Path) -> None:
 
 
 def test_splats_are_written_as_3dgs_writes_them(tmp_path: Path) -> None:
-    """Column by column as its `save_ply`: harmonics all of red, then green, then blue; normals zero; values raw."""
+    """Column by column like its `save_ply`: all harmonics of red, then green, then blue; zero normals; raw values."""
     container, _ = stored(tmp_path, "plain")
     with create(tmp_path / "splats", "splats", private=True) as writer:
         write_container(writer, read_gaussians(container), read_method(container))
@@ -202,7 +202,7 @@ def test_another_method_than_declared_is_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize("method", ["gs_hider", "homogeneous"])
 @pytest.mark.parametrize("messages", [0, 3])
 def test_decoders_too_narrow_to_start_as_colours_come_back(tmp_path: Path, method: str, messages: int) -> None:
-    """From zeros they are trained all the same, and what is trained can be imported."""
+    """Features can still start from zeros, and the trained container can be imported."""
     views = [small.message_views(tmp_path / str(number), f"statue {number}") for number in range(messages)]
     made = run_stage(
         hide_scenes,
@@ -220,7 +220,7 @@ def test_decoders_too_narrow_to_start_as_colours_come_back(tmp_path: Path, metho
 
 
 def test_trained_containers_come_back_and_show_the_same(tmp_path: Path) -> None:
-    """Through the stages that make them; the pictures of cover and message are those of the original, bit for bit."""
+    """Made by the real stages; pictures of cover and message are those of the original, bit for bit."""
     scene, views = small.scene(tmp_path / "scene"), small.message_views(tmp_path / "views")
     brief = {"iterations": 4, "threads": 1}
     made = run_stage(

@@ -1,4 +1,4 @@
-"""Of a folder of pictures, those are named that were rendered from the container with the grain."""
+"""Of a folder of pictures, those rendered from the container with the grain are named."""
 
 from __future__ import annotations
 
@@ -63,13 +63,13 @@ def test_pictures_with_the_grain_are_named(tmp_path: Path) -> None:
 
 
 class Counted(GrainReader):
-    """A reader that counts its looks, and by whose score pictures are known again."""
+    """A reader that counts the pictures it scores; the score identifies a picture."""
 
     def __init__(self) -> None:
         self.looks = 0
 
     def score(self, picture: Picture) -> float:
-        """The width of what it is shown."""
+        """The picture's width."""
         self.looks += 1
         return float(picture.shape[1])
 
@@ -82,13 +82,13 @@ def reader(monkeypatch: pytest.MonkeyPatch) -> Counted:
 
 
 def suspects(folder: Path, shades: dict[str, int]) -> Artifact:
-    """A picture of each name, of one colour, wider by one pixel each; equal ones are copies."""
+    """A picture for each name, in one colour, whose shade also sets its width; equal shades give copies."""
     pictures = {name: np.full((4, 4 + shade, 3), (shade, 0, 9), np.uint8) for name, shade in shades.items()}
     return watermarks.stored_capture(folder, pictures)
 
 
 def found(folder: Path, attempt: str, pictures: Artifact, asking: Asking | None = None) -> dict[str | None, float]:
-    """The scores by name, with the scratch folder of the attempts before."""
+    """The scores by name; all attempts share a scratch folder."""
     given = {"before": small.splats(folder / attempt / "before"), "cover": small.scene(folder / attempt / "cover")}
     (folder / "scratch").mkdir(exist_ok=True)
     (folder / attempt / ".scratch").symlink_to(folder / "scratch")

@@ -1,4 +1,4 @@
-"""RTWS changes what Gaussians look like and nothing else, tunes a decoder, and counts where that one is wrong."""
+"""RTWS changes only what Gaussians look like, and tunes a decoder to show black for what has no watermark."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_only_colours_change(tmp_path: Path, inputs: Inputs) -> None:
 
 
 def test_gaussians_follow_the_watermarked_views(tmp_path: Path, inputs: Inputs) -> None:
-    """With a codec that hides nothing all views are as they were: what comes out then differs."""
+    """A codec that hides nothing leaves all views as they are, so the Gaussians then become others."""
     with create(tmp_path / "codec that hides nothing", "codec") as writer:
         write_codec(writer, new_codec(1, 4, seed=0))
     idle = load(tmp_path / "codec that hides nothing")
@@ -134,7 +134,7 @@ def test_a_decoder_that_sees_whole_pictures_learns_from_other_photos_too(tmp_pat
 
 
 def test_a_batch_goes_through_pictures_as_single_steps_do() -> None:
-    """Every picture comes once a lap, whatever the batch; each step's error is the mean over its batch."""
+    """Every picture comes once per pass, for any batch size; a step's error is the mean over its batch."""
     shown = np.stack([np.full((8, 10, 3), level, np.uint8) for level in (10, 60, 120, 200)])
     watermark = np.zeros((8, 10, 3), np.uint8)
     found: dict[int, list[float]] = {}
@@ -148,7 +148,7 @@ def test_a_batch_goes_through_pictures_as_single_steps_do() -> None:
 
 
 def test_renders_show_the_watermark_and_all_else_is_black() -> None:
-    """Before it is tuned, a decoder that expects a watermark shows it whatever it is given."""
+    """Before it is tuned, a decoder that expects a watermark shows it for any picture."""
     watermark = np.full((8, 10, 3), 255, np.uint8)
     codec = new_codec(1, 4, seed=0)
     codec.expect(picture_to_tensor(watermark).permute(2, 0, 1))
@@ -168,7 +168,7 @@ def test_black_counts_by_its_weight_and_renders_by_one() -> None:
 
 
 def test_the_windows_that_a_decoder_sees_most_in_are_learnt() -> None:
-    """Of four scenes there is one in which it sees more than in black ones: one of twelve windows shows that one."""
+    """One of four scenes is not black; among twelve windows, one nearly always shows it."""
     bright = [np.full((8, 10, 3), 255, np.uint8)]
     scenes_of_photos = [bright, *([np.zeros((8, 10, 3), np.uint8)] * 40 for _ in range(3))]
     found = {}

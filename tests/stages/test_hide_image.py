@@ -30,7 +30,7 @@ def cover(tmp_path: Path) -> Artifact:
 
 @pytest.fixture
 def emblem(tmp_path: Path) -> Artifact:
-    """A picture in which no view of the cover shows anything."""
+    """A picture unlike any view of the cover."""
     picture = np.zeros((HEIGHT, 2 * WIDTH, 3), np.uint8)
     picture[6:18, 20:44] = (250, 200, 20)
     with create(tmp_path / "emblem", "image", private=True) as writer:
@@ -103,7 +103,7 @@ def key_of(folder: Path, byte: int) -> Artifact:
 
 
 def test_the_key_chooses_the_view(tmp_path: Path, cover: Artifact) -> None:
-    """By rule it is the middle one, which anyone could tell."""
+    """Without a key it is the middle view, which anyone could guess."""
     scene = read_scene(cover)
     chosen = [chosen_view(scene, None, key_of(tmp_path, byte)) for byte in range(40)]
     assert set(chosen) == set(scene.train_names)
@@ -113,7 +113,7 @@ def test_the_key_chooses_the_view(tmp_path: Path, cover: Artifact) -> None:
 
 
 def test_what_a_training_draws_from_the_key_does_not_tell_the_view(tmp_path: Path, cover: Artifact) -> None:
-    """First features can be guessed from a container, and first weights from its decoders."""
+    """Initial features can be guessed from a container, and initial weights from its decoders."""
     scene = read_scene(cover)
     keys = [key_of(tmp_path, byte) for byte in range(12)]
     chosen = [chosen_view(scene, None, key) for key in keys]
@@ -161,4 +161,4 @@ def test_the_image_fills_the_view_unstretched() -> None:
     np.testing.assert_array_equal(filling(wide, 10, 10), np.full((10, 10, 3), 255))
     assert filling(wide, 5, 20).shape == (20, 5, 3)
     with pytest.raises(UserError, match="so different a shape; found 200000 x 1 pixels"):
-        filling(np.zeros((1, 200_000, 3), np.uint8), 1216, 800)  # whole, it would take 400 GB
+        filling(np.zeros((1, 200_000, 3), np.uint8), 1216, 800)  # enlarged whole, it would take 400 GB

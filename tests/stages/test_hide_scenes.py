@@ -1,4 +1,4 @@
-"""Messages are hidden, as many as were asked for, and evaluated, however many are given."""
+"""As many messages as asked for are hidden and evaluated, however many are given."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_views_that_were_held_out_are_the_test_views(tmp_path: Path) -> None:
 
 
 def test_what_a_message_covers_is_not_read_to_hide_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of many large pictures it would be gigabytes."""
+    """For many large pictures, it would take gigabytes."""
     whole, arrays = Artifact.read, list[str]()
     monkeypatch.setattr(Artifact, "read", lambda artifact, name: (arrays.append(name), whole(artifact, name))[1])
     inputs = {"cover": scene(tmp_path / "cover"), "messages": (message_views(tmp_path / "views"),)}
@@ -82,7 +82,7 @@ def test_the_released_codes_start_is_grey_and_random(tmp_path: Path) -> None:
 
 
 def test_features_of_zeros_are_learnt_by_every_method_that_has_some(tmp_path: Path) -> None:
-    """Decoders that read along no direction at all would be a saddle: nothing of the features would ever move."""
+    """With decoders that read no direction at all, training would start on a saddle and features would never change."""
     inputs = {"cover": scene(tmp_path / "cover"), "messages": (message_views(tmp_path / "views"),)}
     for method in ("gs_hider", "homogeneous"):
         settings = {**SETTINGS, "iterations": 1, "method": method, "initial_features": "zeros"}
@@ -102,7 +102,7 @@ def test_features_of_zeros_are_learnt_by_every_method_that_has_some(tmp_path: Pa
 def test_a_feature_map_is_shown_of_features_however_few_and_of_nothing_else(
     tmp_path: Path, method: str, feature_dim: int, roles: list[str]
 ) -> None:
-    """3DGS+SH blends six channels, too: the cover's and the message's own pictures."""
+    """3DGS+SH also blends six channels, but they are the pictures of cover and message themselves."""
     cover, views = scene(tmp_path / "cover"), message_views(tmp_path / "views")
     settings = {**SETTINGS, "method": method, "feature_dim": feature_dim}
     parameters = HideScenesParameters.model_validate(settings)

@@ -1,4 +1,4 @@
-"""What was found becomes a container of the published one's method, with the published networks, to be recovered."""
+"""A found file becomes a container with the published one's method and networks, ready to be recovered."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.stages.test_stopping import Asking
 
 
 def published(folder: Path, method: str) -> tuple[Artifact, dict[str, np.ndarray]]:
-    """With the columns of its PLY."""
+    """A published container, and the columns of its PLY."""
     target, _ = target_and_owner(method)
     with create(folder / "published", "container") as writer:
         write_container(writer, target.gaussians, target.method)

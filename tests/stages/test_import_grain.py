@@ -1,4 +1,4 @@
-"""What was kept of a container with a grain comes back as it was, and never without a grain, or from two runs."""
+"""What was kept of a container with a grain comes back as it was; from two runs, or without grain, it is refused."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.stages import small
 
 @pytest.fixture
 def kept(tmp_path: Path) -> dict[str, Path]:
-    """Where what the owner keeps lies, by the parameters that take it."""
+    """The paths of what the owner keeps, by the parameters that take them."""
     before = small.splats(tmp_path / "before", "container", private=True)
     key = run_stage(draw_key, DrawKeyParameters(seed=1), {}, tmp_path / "key")["key"]
     given = {"container": before, "cover": small.scene(tmp_path / "cover"), "key": key}
@@ -39,7 +39,7 @@ def test_what_was_kept_comes_back(tmp_path: Path, kept: dict[str, Path]) -> None
 
 
 def test_a_container_without_a_grain_is_told(tmp_path: Path, kept: dict[str, Path]) -> None:
-    """`find_grain` would score its renders, find nothing, and so say that they are not his."""
+    """`find_grain` would find nothing in its renders, and so say that they are not the owner's."""
     with pytest.raises(UserError, match="the container has no grain"):
         imported(tmp_path, kept | {"after": kept["before"]})
 

@@ -1,4 +1,4 @@
-"""A scene comes back from its copy as the same artifact; what is none, broken or private is told."""
+"""A scene comes back from its copy as the same artifact; what is no scene, damaged or private is refused."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def refused(folder: Path, tmp_path: Path) -> str:
 
 
 def scene_of(folder: Path, private: bool = False, **arrays: Any) -> Path:
-    """The small scene, other arrays in place of some of its own; None for one that is not there."""
+    """The small scene with some arrays replaced, or missing if None."""
     original = small.scene(folder.with_name(f"{folder.name} original"))
     with create(folder, "scene", private) as writer:
         for name in original.names:
@@ -122,7 +122,7 @@ def test_it_is_told_before_it_is_unfolded_that_a_scene_is_too_large(
 
 
 def with_names(folder: Path, *names: str) -> Path:
-    """The small scene, its first views and all test views under these names."""
+    """The small scene with its first views renamed; the first is the only test view."""
     scene = read_scene(load(scene_of(folder.with_name("named otherwise"))))
     with create(folder, "scene") as writer:
         write_scene(writer, scene)

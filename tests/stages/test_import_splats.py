@@ -1,4 +1,4 @@
-"""Imported splats are what `train_scene` writes: read as Gaussians with the method that renders them."""
+"""Imported splats are like those of `train_scene`: Gaussians with the method that renders them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An imprint changes what Gaussians look like and nothing else, until their renders show the watermark to its owner."""
+"""An imprint changes only what Gaussians look like, until their renders show the watermark to the owner."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def test_the_grain_of_what_no_view_shows_fades_too(inputs: Inputs) -> None:
     training = imprinting(inputs, ImprintSettings(8, 0, level=2, settling_share=1))
     before = training.clean["sh_base"].clone()
     with torch.no_grad():
-        training.gaussians["means"][0] = 1e6  # where no camera looks
+        training.gaussians["means"][0] = 1e6  # where no camera sees it
         training.gaussians["sh_base"][0] += 1
     training.step()
     assert training.gaussians["sh_base"][0].detach() - before[0] == pytest.approx(0.1 ** (1 / 8), abs=1e-6)
@@ -140,7 +140,7 @@ def test_the_grain_of_what_no_view_shows_fades_too(inputs: Inputs) -> None:
 
 
 def test_what_is_not_distorted_is_rounded_where_it_is(inputs: Inputs, monkeypatch: pytest.MonkeyPatch) -> None:
-    """On a GPU each picture, read on the CPU, would hold up all that was asked for before it."""
+    """On a GPU, rounding each picture on the CPU would wait for all queued work."""
     monkeypatch.setattr("stages.training.imprinting.tensor_to_picture", None)
     imprinting(inputs, ImprintSettings(8, 0, level=2)).step()
 
@@ -153,7 +153,7 @@ def test_it_goes_on_where_it_was_stopped(tmp_path: Path, inputs: Inputs) -> None
     place = tmp_path / "stopped"
     place.mkdir()
     (place / ".scratch").symlink_to(scratch)
-    looks = small.VIEWS - 1  # at the renders from before, one for each training view
+    looks = small.VIEWS - 1  # one for each training view, at the renders from before
     with pytest.raises(Interrupted, match="stopped after step 5 of 12"):
         run_stage(imprint_watermark, wanted, inputs, place, services=Asking(looks + 5).services())
     place = tmp_path / "resumed"

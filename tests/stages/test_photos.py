@@ -28,7 +28,7 @@ def take(
     model: str | None = None,
     zoom: float | None = None,
 ) -> None:
-    """A photo of noise, with EXIF data as asked for: `focal` on 35 mm film, `zoom` of the lens itself."""
+    """A photo of noise with these EXIF data: `focal` is equivalent to 35 mm film, `zoom` is the lens's own."""
     path.parent.mkdir(parents=True, exist_ok=True)
     generator = np.random.default_rng(zlib.crc32(str(path).encode()))
     pixels = generator.integers(0, 256, (size[1], size[0], 3), dtype=np.uint8)
@@ -70,7 +70,7 @@ def test_photos_are_kept_as_they_came(tmp_path: Path) -> None:
 
 
 def test_copying_is_half_of_the_work(tmp_path: Path) -> None:
-    """A stage that says that all is done, and works on for minutes, seems to hang."""
+    """A stage that reports to be done but works on for minutes seems to hang."""
     for name in "abc":
         take(tmp_path / "photos" / f"{name}.jpg")
     (tmp_path / "out").mkdir()
@@ -101,7 +101,7 @@ def test_a_turned_photo_counts_as_it_is_seen(tmp_path: Path) -> None:
 
 
 def test_photos_of_different_cameras_do_not_share_a_lens(tmp_path: Path) -> None:
-    """By EXIF's model and zoom; without them by the folder, as of a rig, but not by that where EXIF tells."""
+    """They are told apart by EXIF's model and zoom, or without these by the folder, as for a camera rig."""
     rig = tmp_path / "rig" / "images"
     for path in ("left/1.jpg", "left/2.jpg", "right/1.jpg"):
         take(rig / path)
@@ -124,7 +124,7 @@ def test_photos_whose_poses_came_with_them_lie_as_their_pixels_are_stored(
         (tmp_path / "scan").mkdir(exist_ok=True)
         Image.fromarray(stored).save(tmp_path / "scan" / name, exif=exif)
     plain = {name: Image.open(tmp_path / "scan" / name) for name in ("a.png", "b two.png")}
-    write_binary_model(tmp_path / "scan")  # of pictures that are wider than high
+    write_binary_model(tmp_path / "scan")  # for pictures wider than high
     log: list[str] = []
     artifact = capture(tmp_path / "scan", tmp_path / "out", log, background=background)
     found = read_capture(artifact)
@@ -161,7 +161,7 @@ def test_photos_in_a_folder_of_their_own_beside_their_poses(tmp_path: Path) -> N
     assert found.poses is not None
     assert found.poses.source == "colmap"
     lens = found.poses.lenses[0]
-    assert (lens.width, lens.height) == (320, 240)  # the model's cameras are of 640 x 480
+    assert (lens.width, lens.height) == (320, 240)  # the model's camera is for 640 x 480
     assert lens.parameters == (250.0, 255.0, 160.0, 120.0, -0.1, 0.02, 0.001, 0.002)
     np.testing.assert_allclose(found.poses.world_to_camera[0, :3, 3], TRANSLATION)
     assert np.linalg.norm(QUATERNION) == 1
@@ -233,7 +233,7 @@ def test_a_photo_is_matched_by_its_whole_name_before_its_stem(tmp_path: Path) ->
 
 @pytest.mark.parametrize("kind", ["frames", "test_filenames", "model"])
 def test_paths_that_no_photo_can_have_are_refused(tmp_path: Path, kind: str) -> None:
-    """They cost no more than reading them, and no more of them is told than where they begin."""
+    """Without doing anything with them, and naming no more than their beginning."""
     folder, endless = tmp_path / "photos", "d/" * 10_000 + "a.jpg"
     take(folder / "a.jpg", size=(320, 240))
     write_transforms(folder, endless if kind == "frames" else "a.jpg")

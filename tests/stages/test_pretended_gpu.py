@@ -1,4 +1,4 @@
-"""Stages keep their tensors where they work: tried on a GPU that is only pretended, since none was at hand."""
+"""Stages keep their tensors on the device they work on: tested on a pretended GPU, which needs no real one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The probe tells a decoder that decodes from one that has learnt its message by heart."""
+"""The probe tells a decoder that decodes from one that has memorised its message."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SETTINGS = {"iterations": 300, "decoder_width": 16, "feature_dim": 8, "message_p
 
 
 def dotted_message(folder: Path, cover: Artifact) -> Artifact:
-    """Sixty dots of all colours, seen from the cover's cameras: no picture of it resembles the next."""
+    """Sixty dots in random colours, seen from the cover's cameras: no two pictures resemble each other."""
     cameras = read_scene(cover).cameras
     generator = np.random.default_rng(2)
     points, colors = generator.uniform(-0.8, 0.8, (60, 3)), generator.uniform(0, 1, (60, 3))
@@ -46,7 +46,7 @@ def dotted_message(folder: Path, cover: Artifact) -> Artifact:
 def probed(
     tmp_path: Path, method: str = "gs_hider", other_dim: int | None = None, **settings: object
 ) -> dict[str, float]:
-    """With `other_dim` the other container is one of so many channels, and else the same."""
+    """The mean PSNR of each probe; the other container has `other_dim` channels, or is the same one."""
     cover = scene(tmp_path / "cover")
     views = dotted_message(tmp_path / "views", cover)
     parameters = HideScenesParameters.model_validate({**SETTINGS, "method": method, **settings})

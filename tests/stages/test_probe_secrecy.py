@@ -1,4 +1,4 @@
-"""The probe finds a message that lies open, tells the owner's decoder from wrong ones, and sees a surrogate learn."""
+"""The probe finds an open message, distinguishes the owner's decoder from wrong ones, and trains surrogates."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def test_3dgs_decoder_has_wrong_decoders_but_no_other_start(tmp_path: Path) -> N
 
 
 def test_the_right_seed_gives_the_decoder_that_a_training_starts_with(tmp_path: Path) -> None:
-    """After one iteration the owner's is still next to it; no other seed comes near."""
+    """After one iteration, the owner's decoder is still close to it; a wrong seed comes nowhere near."""
     given = inputs(tmp_path, "homogeneous", iterations=1, seed=3)
 
     def shown(seed: int) -> float:

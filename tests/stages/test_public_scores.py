@@ -1,4 +1,4 @@
-"""What `evaluate` and the stages that film tell the public where the cover's photos or the splats are private."""
+"""What `evaluate` and `render_path` publish if the cover's photos or the splats are private."""
 
 from __future__ import annotations
 

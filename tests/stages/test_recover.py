@@ -1,4 +1,4 @@
-"""A found container becomes one that the published one's secret reads; what was not made from that is refused."""
+"""A found container becomes one that the published one's secret reads, or is refused if it was not made from it."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def stored(folder: Path, target: Target) -> Artifact:
 
 
 def attacked(target: Target) -> Target:
-    """Moved and pruned; channels turned and permuted, where there are some, and the scene decoder with them."""
+    """Moved and pruned; features, if any, are rotated and their channels permuted, and the scene decoder with them."""
     if target.has_features:
         target = channel_permutation(compensated_rotation(target, 30.0, generator()), 16, generator())
     return random_pruning(rigid_motion(target, 90.0, generator()), 0.25, generator())
@@ -122,7 +122,7 @@ def test_the_figures_say_whose_it_is_and_what_was_undone(tmp_path: Path) -> None
     shaken = changed(target, "means", lambda means: means + noise)
     for name, found, verdict, matched, again in (
         ("attacked", attacked(target), IS_YOURS, 1, 0.75),
-        ("shaken", shaken, IS_YOURS, 0.3, 0.3),  # sizes are all alike, so that opacities alone tell
+        ("shaken", shaken, IS_YOURS, 0.3, 0.3),  # sizes are all alike, so only opacities distinguish Gaussians
         ("its shapes too", changed(shaken, "log_scales", lambda sizes: sizes + noise), MAY_BE_YOURS, 0.1, 0.1),
         ("flooded", with_invisible(target, 4), IS_YOURS, 0.2, 1),
         ("a flooded fragment", with_invisible(target.keeping(torch.arange(30)), 7), MAY_BE_YOURS, 0.125, 0.15),
@@ -138,7 +138,7 @@ def test_the_figures_say_whose_it_is_and_what_was_undone(tmp_path: Path) -> None
 
 
 def with_invisible(target: Target, times: int) -> Target:
-    """So many times as many Gaussians more, scattered, that nobody sees: the thief's own."""
+    """With a thief's scattered, invisible Gaussians added: `times` as many as there are."""
     given = target.gaussians
     more = {name: values.repeat(times, *[1] * (values.ndim - 1)) for name, values in given.parameters.items()}
     more["means"] = more["means"] + 0.5 * torch.randn(more["means"].shape, generator=generator())
@@ -173,7 +173,7 @@ def test_containers_that_cannot_be_compared_are_refused(tmp_path: Path) -> None:
 
 
 def with_row(target: Target, name: str, value: float) -> Target:
-    """One Gaussian of the many has these values alone."""
+    """The container with this parameter of one Gaussian set to `value`."""
 
     def change(values: torch.Tensor) -> torch.Tensor:
         values = values.clone()

@@ -1,4 +1,4 @@
-"""A message is photographed from the cover's cameras, paired by name, and placed where it fills the picture."""
+"""A message is rendered from the cover's cameras, under their names, and placed where it fills the picture."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def scene_artifact(folder: Path, cameras: Cameras, points: np.ndarray) -> Artifa
 
 
 def wall_of_splats(folder: Path, points: np.ndarray, scale: float = 1.0) -> Artifact:
-    """A Gaussian at every point, in a world that is then scaled."""
+    """A Gaussian at every point, in a world scaled by `scale`."""
     torch.manual_seed(0)
     method = build_method("plain", {"sh_degree": 0})
     gaussians = gaussians_at(
@@ -59,7 +59,7 @@ def wall_of_splats(folder: Path, points: np.ndarray, scale: float = 1.0) -> Arti
 
 
 def with_attributes(folder: Path, made: Artifact, **attributes: Json) -> Artifact:
-    """The same artifact, saying more of itself."""
+    """The same artifact with more attributes."""
     with create(folder, made.kind) as writer:
         for name in made.names:
             writer.write(name, made.read(name))
@@ -92,7 +92,7 @@ def test_views_have_the_covers_names_and_fill_the_picture(tmp_path: Path) -> Non
 
 
 def test_splats_without_the_messages_scene(tmp_path: Path) -> None:
-    """The cover's cameras look at the middle of what is there; the points lie where the pictures show them."""
+    """The cover's cameras look at the centre of the splats; the points are where the pictures show them."""
     generator = np.random.default_rng(0)
     points = generator.uniform(-1, 1, (1000, 3)) * [2, 0.5, 2] + [70.0, -30.0, 10.0]
     cover = ring(3, scale=3.0, prefix="cover")
@@ -111,7 +111,7 @@ def test_splats_without_the_messages_scene(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("with_scene", [False, True])
 def test_pictures_do_not_depend_on_the_units_of_the_message(tmp_path: Path, with_scene: bool) -> None:
-    """A thing of centimetres in metres lies nearer to the cover's cameras than anything is drawn in those units."""
+    """With metres as units, a thing of centimetres would lie before the near plane of the cover's cameras."""
     directions = np.random.default_rng(0).standard_normal((1500, 3))
     shell = 2 * directions / np.linalg.norm(directions, axis=1, keepdims=True) + [0.5, 0.0, 0.2]
     cover = scene_artifact(tmp_path / "cover", ring(3, scale=3.0, prefix="cover"), 3 * shell)
@@ -134,7 +134,7 @@ def test_pictures_do_not_depend_on_the_units_of_the_message(tmp_path: Path, with
 
 
 def test_in_the_same_world_nothing_is_moved(tmp_path: Path) -> None:
-    """The pictures are those that the splats give the cover's own cameras; the message's scene is not asked for."""
+    """The pictures are renders of the splats from the cover's cameras; the message's scene is not needed."""
     points = np.random.default_rng(0).uniform(-1, 1, (400, 3))
     cover = ring(4, scale=1.0, prefix="cover")
     splats = wall_of_splats(tmp_path / "splats", points)
@@ -150,8 +150,7 @@ def test_in_the_same_world_nothing_is_moved(tmp_path: Path) -> None:
 
 
 def test_in_an_enlarged_world_splats_from_elsewhere_are_enlarged_with_it(tmp_path: Path) -> None:
-    """Those that stood in it before, and those that were trained in it, at the same place; and what is exported of the
-    latter stands where the poses stood."""
+    """They end up where splats trained in the enlarged world are; these are exported at the original scale."""
     points = np.random.default_rng(0).uniform(-1, 1, (400, 3))
     cover = scene_artifact(tmp_path / "cover", ring(4, scale=1.0, prefix="cover"), points)
     large = with_attributes(tmp_path / "large", cover, world_scale=8.0)
@@ -182,7 +181,7 @@ def test_a_world_of_no_size_is_refused(tmp_path: Path, scale: Json) -> None:
 
 
 def test_any_first_few_points_are_a_fair_sample_of_what_is_seen(tmp_path: Path) -> None:
-    """Half of the Gaussians are a hundred times fainter: hardly any of them among the first quarter."""
+    """Half of the Gaussians are a hundred times fainter, and hardly any of them is in the first quarter."""
     points = np.random.default_rng(0).uniform(-1, 1, (400, 3))
     method = build_method("plain", {"sh_degree": 0})
     colors = np.repeat([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], 200, axis=0)

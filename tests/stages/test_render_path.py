@@ -1,4 +1,4 @@
-"""Videos along the cover's cameras: the owner gets all, the public the cover alone."""
+"""Videos along the cover's cameras: all for the owner, only the cover for the public."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def test_a_plain_scene_has_one_video(tmp_path: Path) -> None:
 
 
 def test_pictures_come_in_order_and_side_by_side_in_step(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is given to the encoder: each panel of the video side by side is the video of its own."""
+    """Judged by what the encoder is given: each panel of the side-by-side video is the separate video."""
     given: list[list[np.ndarray]] = []
     encode = video.encode_animation
     monkeypatch.setattr(video, "encode_animation", lambda pictures: given.append(list(pictures)) or encode(pictures))

@@ -1,4 +1,4 @@
-"""The report: the owner's page shows everything, the public one nothing that a message has touched."""
+"""The report: the owner's page shows everything, the public page nothing that a message has touched."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def record(name: str, uses: str, /, *inputs: str, private: bool = False, **param
 LINEAGE = (
     record("cover_photos", "synthesize", scene="courtyard"),
     record("cover", "sfm", "cover_photos", width=192),
-    record(f"photos[{PLANTED}]", "synthesize", scene=PLANTED),  # nobody said that it is private
+    record(f"photos[{PLANTED}]", "synthesize", scene=PLANTED),  # not declared private
     record(f"views[{PLANTED}]", "render_hidden", f"photos[{PLANTED}]", "cover", private=True, name=PLANTED),
     record("hiding", "hide_scenes", "cover", f"views[{PLANTED}]", private=True, lambda_message=0.654),
     record("scores", "evaluate", "hiding", "cover", f"views[{PLANTED}]", private=True),
@@ -118,7 +118,7 @@ def inputs(tmp_path: Path) -> dict[str, tuple[Artifact, ...]]:
     ]
     return {
         "scores": (metrics(tmp_path / "scores", PUBLIC_ROWS[:1] + PRIVATE_ROWS + PUBLIC_ROWS[1:], True),),
-        # An artifact that claims to be public and is not: its rows are looked at one by one.
+        # An artifact that claims to be public but is not: its rows are checked one by one.
         "public_scores": (metrics(tmp_path / "public_scores", PUBLIC_ROWS + PRIVATE_ROWS, False),),
         "curves": (
             metrics(tmp_path / "plain_curves", curve, False),
@@ -232,7 +232,7 @@ def test_the_owner_sees_everything(inputs: dict, tmp_path: Path) -> None:
 
 
 def test_a_hidden_image_is_told_of_at_its_view(inputs: dict, tmp_path: Path) -> None:
-    """What the decoder shows elsewhere is left to itself: there is nothing to say of test views."""
+    """Elsewhere the decoder shows something arbitrary, so nothing is said of test views."""
     rows = [
         *PUBLIC_ROWS,
         MetricRow("psnr", 30.0, "dB", "hiding.png", "train", None, method="gs_hider"),
@@ -250,7 +250,7 @@ def top_of(text: str) -> str:
 
 
 def test_the_owner_sees_what_moves_side_by_side(inputs: dict, tmp_path: Path) -> None:
-    """What is part of a video side by side is not shown by itself."""
+    """A video that is part of a side-by-side video is not shown separately."""
     text = text_of(pages(inputs, tmp_path / "made")["owner"])
     assert embedded_videos(text) == {TOGETHER.webm, PLAIN_VIDEO.webm}
     films = text[text.index("<h2>Moving camera") : text.index("<h2>Cover")]
@@ -271,7 +271,7 @@ def test_test_views_come_first_and_the_rest_is_filled_up(inputs: dict, tmp_path:
 
 
 def headings(text: str) -> list[tuple[str, str]]:
-    """Of the views: what each is called, and its split."""
+    """The heading of each view and its split."""
     return re.findall(r"<h3>([^<]+) <span class=\"tag\">(\w+)", text)
 
 
@@ -280,7 +280,7 @@ def test_names_of_photos_are_not_on_the_public_page(inputs: dict, tmp_path: Path
 
 
 class Reader(HTMLParser):
-    """Checks that tags are closed in order and collects whatever a browser would fetch."""
+    """Checks that tags are closed in order, and collects all that a browser would fetch."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -337,10 +337,10 @@ def test_many_pictures_become_jpeg(inputs: dict, tmp_path: Path, monkeypatch: py
 
 
 def test_large_pictures_are_shrunk_for_the_page_and_measured_whole(inputs: dict, tmp_path: Path) -> None:
-    """As they are, those of full-size photos would make a page of tens of megabytes."""
+    """Unshrunk, full-size photos would make a page of tens of megabytes."""
     truth = pictures(7, 1000, 1600)[:1]
     rendered = truth.copy()
-    rendered[:, ::2] = 0  # shrunk, the pictures are nearer to each other
+    rendered[:, ::2] = 0  # shrinking makes the pictures more alike
     large = replace(COVER, names=VIEWS[:1], splits=SPLITS[:1], truth=truth, rendered=rendered)
     given = {"pictures": (comparisons(tmp_path / "large", [large], True),)}
     text = text_of(pages(given, tmp_path / "made", 1)["owner"])

@@ -1,5 +1,6 @@
-"""What is amiss stands at the top of the owner's page: photos that were not read, left out or crop the others, and
-messages that nobody will see. The public is told how many photos were placed, and nothing else of it.
+"""What is amiss stands at the top of the owner's page, such as photos left out, or messages that nobody will see.
+
+The public page says only how many photos were placed.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ def inputs(tmp_path: Path) -> dict[str, tuple[Artifact, ...]]:
 
 
 def scenes(folder: Path, **made: tuple[int, int, bool]) -> dict[str, tuple[Item, ...]]:
-    """Scenes by the stages that made them: how many photos were placed of how many, and whether they are private."""
+    """Scenes by the names of their stages: photos placed, photos in all, and whether the scene is private."""
     items = []
     for number, (stage, (registered, total, private)) in enumerate(made.items()):
         with create(folder / str(number), "scene", private) as writer:
@@ -85,7 +86,7 @@ def test_what_crops_all_pictures_stands_at_the_top(inputs: dict, tmp_path: Path)
 
 
 def test_the_public_is_not_told_of_a_scene_that_nobody_said_was_private(inputs: dict, tmp_path: Path) -> None:
-    """What leads to something private alone is left out, whatever its artifact says."""
+    """A stage that leads only to private results is left out, whatever its artifact says."""
     items = scenes(tmp_path / "scenes", **{f"photos[{PLANTED}]": (7, 9, False)})
     made = with_scenes(inputs, items, tmp_path / "made")
     assert "7 of 9" in top_of(text_of(made["owner"]))
@@ -93,7 +94,7 @@ def test_the_public_is_not_told_of_a_scene_that_nobody_said_was_private(inputs: 
 
 
 def test_a_scene_that_no_photos_were_placed_in_is_passed_over(inputs: dict, tmp_path: Path) -> None:
-    """Such as one made by a stage of one's own."""
+    """For example, one made by a custom stage."""
     with create(tmp_path / "scene", "scene") as writer:
         writer.write_file("points.txt", "none")
     items = {"scenes": (Item("cover", {}, "cover", load(tmp_path / "scene")),)}

@@ -1,4 +1,4 @@
-"""The report on a container that was found: whose it is stands at the top of the owner's page, and nowhere else."""
+"""The report on a found container: whose it is stands at the top of the owner's page, not on the public page."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.stages.test_report import PUBLIC_ROWS, metrics, pages, text_of, top_o
 
 
 def recovered(path: Path, verdict: str, **others: float) -> dict[str, tuple[Artifact, ...]]:
-    """Figures as the stage `recover` writes them, of a container that was turned and pruned."""
+    """Figures as the stage `recover` writes them for a container that was turned and pruned."""
     figures = {
         verdict: 1.0,
         "mirrored": 0.0,

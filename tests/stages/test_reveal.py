@@ -1,4 +1,4 @@
-"""What the secret shows of a recovered container is measured beside what it shows of the published one, in private."""
+"""What the secret shows of a recovered container is compared with what it shows of the published one, in private."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.stages.analysis.attacks.containers import MESSAGE, METHODS, target_an
 
 
 def inputs_of(folder: Path, method: str, messages: tuple[str, ...] = (MESSAGE,)) -> dict[str, Artifact]:
-    """The recovered container is the published one, but for its order of channels where it has some."""
+    """The recovered container is the published one, with permuted channels if it has features."""
     target, owner = target_and_owner(method)
     harmed = channel_permutation(target, 16, torch.Generator().manual_seed(1)) if target.has_features else target
     for name, each in (("published", target), ("container", harmed)):

@@ -1,4 +1,4 @@
-"""A container is sealed, published, read back, and opened again; what was pruned since is opened as far as it goes."""
+"""A container is sealed, published, read back and opened; after pruning, the Gaussians that are left are opened."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ Made = dict[str, Artifact]
 
 @pytest.fixture(scope="module")
 def hidden(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Artifact]:
-    """A container of 16 channels, its secret, and what they were made from."""
+    """A container of 16 channels, its secret, the scene and views it was made from, and a key."""
     folder = tmp_path_factory.mktemp("hidden")
     cover = scene(folder / "cover")
     views = dotted_message(folder / "views", cover)
@@ -106,7 +106,7 @@ def test_without_the_seal_the_message_can_be_looked_at_and_with_it_it_cannot(
 
     open_blind, open_psnr = shown("open", hidden)
     closed_blind, closed_psnr = shown("closed", closed)
-    assert closed_blind < open_blind - 1  # dB; where the dots are can still be seen, against black
+    assert closed_blind < open_blind - 1  # dB; where the dots are can still be seen against black
     assert closed_psnr == pytest.approx(open_psnr, abs=0.02)
 
 
@@ -142,7 +142,7 @@ def test_it_is_attacked_as_it_is_published_and_opened_beside_it(tmp_path: Path, 
 def test_the_secret_of_another_sealing_of_the_same_gaussians_is_refused(
     tmp_path: Path, hidden: Made, closed: Made
 ) -> None:
-    """As of the same container with a grain: noise would be shown for the message."""
+    """Such as one of the same container with a grain; otherwise noise would be shown as the message."""
     key = run_stage(draw_key, DrawKeyParameters(seed=4), {}, tmp_path / "key")["key"]
     other = sealed(tmp_path / "other", hidden | {"key": key})
     for container, secret in ((closed, other), (other, closed)):
@@ -172,7 +172,7 @@ def test_a_secret_from_before_there_were_signs_still_opens(tmp_path: Path, hidde
 
 
 def of_a_stranger(folder: Path, closed: Made) -> Artifact:
-    """A container that the secret opens beyond what features can hold: what is cut off shows in the cover."""
+    """A container whose opened features would exceed their range; what is cut off shows in the cover."""
     gaussians, method = read_gaussians(closed["container"]), read_method(closed["container"], closed["secret"])
     read = _seal_of(closed["secret"], method, gaussians).places.read
     generator = torch.Generator().manual_seed(0)
@@ -221,7 +221,7 @@ def test_what_was_pruned_is_opened_by_what_was_published(tmp_path: Path, hidden:
 
 
 def changed_as(name: str, gaussians: Gaussians) -> Gaussians:
-    """What a thief makes of all Gaussians, at next to no cost of the cover."""
+    """All Gaussians as a thief changes them, at hardly any cost to the cover."""
     generator = torch.Generator().manual_seed(0)
     if name == "decoys":
         decoys = gaussians.parameters | {

@@ -1,4 +1,4 @@
-"""Structure from motion end to end: on a traced box of noise, and on real captures where they are at hand."""
+"""Structure from motion end to end: on four walls of noise, and on real captures where these are available."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ VIEWS = 8
 
 
 def walls() -> np.ndarray:
-    """Corners of four textured rectangles that stand at different depths: origin, along, upwards."""
+    """Four textured rectangles at different depths, each with its origin and the sides along and up."""
     return np.array(
         [
             [[-0.6, -2.4, -1.5], [0, 3.0, 0.2], [0, 0, 3.0]],
@@ -49,7 +49,7 @@ def walls() -> np.ndarray:
 
 
 def photograph(cameras: Cameras) -> list[np.ndarray]:
-    """The walls, papered with blotches, from far to near: each is a plane, which a homography brings into view."""
+    """Pictures of the walls, papered with blotches and drawn from far to near, each by a homography."""
     random = np.random.default_rng(5)
     papers = [
         cv2.resize(random.integers(0, 256, (80, 80, 3), dtype=np.uint8), (640, 640), interpolation=cv2.INTER_CUBIC)
@@ -134,7 +134,7 @@ def expect_points_where_pictures_show_them(scene: Scene) -> None:
     nearest = pixels.astype(int).clip(0, np.array(scene.pictures.shape[2:0:-1]) - 1)
     shown = np.stack([scene.pictures[view, at[:, 1], at[:, 0]] for view, at in enumerate(nearest)]).astype(float)
     difference = np.abs(np.median(shown, axis=0) - scene.point_colors).mean()
-    assert difference < 30  # of 255: pictures, cameras, points and colours belong together
+    assert difference < 30  # of 255: pictures, cameras, points and colours fit together
 
 
 def test_the_same_bits_again(synthetic: Artifact, estimated: Artifact, tmp_path: Path) -> None:
@@ -142,7 +142,7 @@ def test_the_same_bits_again(synthetic: Artifact, estimated: Artifact, tmp_path:
 
 
 def test_photos_larger_than_they_are_matched_at_are_shown_whole(truth: Cameras, tmp_path: Path) -> None:
-    """As phones' photos are: of 200 pixels, matched at 150."""
+    """As for phones' photos; here 200 pixels, matched at 150."""
     capture = write(truth, "colmap", tmp_path)
     smaller, whole = (read_scene(run(capture, tmp_path / f"{size}", matching_size=size)) for size in (150, SIZE[0]))
     expect_points_where_pictures_show_them(smaller)
@@ -166,7 +166,7 @@ def test_given_poses_are_kept(truth: Cameras, source: PoseSource, tmp_path: Path
 def test_poses_of_small_units_are_enlarged_until_what_they_see_is_drawn(
     truth: Cameras, tmp_path: Path, recorded: dict[str, Json]
 ) -> None:
-    """As of a close-up in metres: all of it would lie before the nearest plane that is drawn."""
+    """As for a close-up in metres, all of which would lie before the near plane."""
     tiny = truth.world_to_camera.copy()
     tiny[:, :3, 3] *= 0.01
     capture = write(replace(truth, world_to_camera=tiny), "colmap", tmp_path, photographs=photograph(truth))
@@ -189,7 +189,7 @@ def test_poses_that_are_to_be_given_are_not_estimated_where_none_came(tmp_path: 
 
 
 def test_every_photo_may_have_a_lens_of_its_own(truth: Cameras, tmp_path: Path, recorded: dict[str, Json]) -> None:
-    """Zoomed from photo to photo: all come out as seen by one pinhole camera, and how much of each is recorded."""
+    """The zoom varies; all photos come out as by one pinhole camera, and the share shown of each is recorded."""
     zoomed = truth.intrinsics.copy()
     zoomed[:, [0, 1], [0, 1]] *= np.linspace(1, 1.4, VIEWS)[:, None]
     cameras = replace(truth, intrinsics=zoomed)
@@ -241,7 +241,7 @@ def distances_to_walls(points: np.ndarray) -> np.ndarray:
 
 
 def test_poses_that_do_not_fit_are_found_out(truth: Cameras, tmp_path: Path) -> None:
-    """The commonest mistake: cameras that look down -z, as OpenGL's do, passed off as COLMAP's."""
+    """The commonest mistake: cameras that look along -z, as in OpenGL, given as COLMAP's."""
     turned = np.diag([1.0, -1.0, -1.0, 1.0]) @ truth.world_to_camera
     capture = write(replace(truth, world_to_camera=turned), "colmap", tmp_path, photographs=photograph(truth))
     with pytest.raises(UserError, match=r"points.*--set SFM\.poses=estimate to the command, where SFM is the stage's"):
@@ -274,7 +274,7 @@ def test_a_request_to_stop_ends_the_process_and_what_was_done_is_used_again(
     database = tmp_path / "out" / ".scratch" / "reconstruction" / "database.db"
     written = database.stat().st_size
     time.sleep(0.5)
-    assert database.stat().st_size == written > 100_000  # nobody writes any more, and the features are there
+    assert database.stat().st_size == written > 100_000  # nothing is written any more, and the features are there
     (tmp_path / "out" / ".scene").rename(tmp_path / "abandoned")
     assert run(synthetic, tmp_path / "out").digest == estimated.digest
 
@@ -315,7 +315,7 @@ def test_the_split_that_came_with_a_capture_is_kept(
     expected: tuple[str, ...],
     said: str | None,
 ) -> None:
-    """As far as its views were placed, and unless none would be left for tests, or none to train on."""
+    """For views that were placed, and unless none would be left to test or to train on."""
     whole = replace(read_capture(synthetic), test_names=held_out)
     with create(tmp_path / "capture", "capture") as writer:
         write_capture(writer, whole, lambda name: picture_path(synthetic, name))
@@ -343,7 +343,7 @@ def test_real_captures_are_placed(name: str, least: int, size: int, tmp_path: Pa
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", ["courtyard", "library", "reef", "workshop"])
 def test_the_cameras_of_built_in_scenes_are_recovered(scene: str, tmp_path: Path) -> None:
-    """As the main job uses them. A wall that looks like another one once put cameras on the wrong side of it."""
+    """With default settings. A wall that looks like another can put cameras on its wrong side."""
     (tmp_path / "photos").mkdir()
     capture = run_stage(synthesize, SynthesizeParameters(scene=scene), {}, tmp_path / "photos")["capture"]
     facts = run(capture, tmp_path / "out", width=192).attributes

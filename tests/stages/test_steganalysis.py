@@ -1,4 +1,4 @@
-"""From containers to the page: renders of classes, what detectors say of them, and what the page says of that."""
+"""From containers to the page: renders of each class, what detectors find in them, and what the page says."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def test_classes_of_odd_pictures_are_not_told_by_their_size() -> None:
 
 
 def stored_renders(folder: Path, seed: int, amplitude: float, method: str = "gs_hider") -> Artifact:
-    """Smooth pictures and maps; with an amplitude, every other pixel is lifted by it."""
+    """Smooth pictures and feature maps; `amplitude` is added to every other pixel."""
     generator = np.random.default_rng(seed)
     rows, columns = np.mgrid[0:24, 0:32]
     slopes = generator.uniform(-2, 2, (VIEWS, 5, 2))
@@ -134,7 +134,7 @@ def detected(
 
 
 def test_a_detector_learns_from_other_scenes_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Looking at one view at a time: of nine captures at the paper's size all are 77 GB."""
+    """It reads one view at a time: at the paper's size, all views of nine captures are 77 GB."""
 
     def read(self: Artifact, name: str) -> np.ndarray:
         raise AssertionError(f"all of {name} is read")
@@ -161,7 +161,7 @@ def test_another_seed_is_another_detector(tmp_path: Path) -> None:
 
 
 def test_each_training_of_a_scene_is_looked_at_by_itself(tmp_path: Path) -> None:
-    """By the one detector that learnt from the other scenes."""
+    """By one detector, which learnt from the other scenes."""
     rows = detected(tmp_path / "both", ["fox", "fox", "kitchen"], "fox")
     assert [row.value for row in rows if row.quantity == TRAINING_SCENES] == [1]
     views = [(row.seed, row.view) for row in rows if (row.quantity, row.condition) == ("learned_on_renders", HIDDEN)]
@@ -180,7 +180,7 @@ def test_trainings_of_one_scene_are_one_scene_to_learn_from(tmp_path: Path) -> N
 
 
 def test_renders_are_collected_where_they_stay() -> None:
-    """Stacking would hold them twice."""
+    """Stacking would hold them in memory twice."""
     pixels, channels, views = torch.zeros(64, 64), 8, 32
     nothing = torch.empty(0)
 
@@ -208,7 +208,7 @@ def test_nothing_to_learn_from_or_to_test_is_no_error(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module", autouse=True)
 def folders(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """One thread: small pictures are not worth more."""
+    """Use one thread: small pictures are not worth more."""
     torch.set_num_threads(1)
 
 
@@ -254,7 +254,7 @@ def rows_of(values: Mapping[str, np.ndarray], method: str) -> list[Measurement]:
 
 
 def test_the_page_tells_rendering_from_hiding(tmp_path: Path) -> None:
-    """Two methods' renders are as far from photos as can be; of one so are clean renders, of the other not."""
+    """Both methods' renders differ fully from photos; so do clean renders of one method, but not of the other."""
     low, high = np.linspace(0, 0.3, 40), np.linspace(0.5, 0.8, 40)
     rendering = {PHOTOS: high, HIDDEN: low, CLEAN: low, CLEAN_AGAIN: low}
     hiding = {PHOTOS: low, HIDDEN: high, CLEAN: low, CLEAN_AGAIN: low}

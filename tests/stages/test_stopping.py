@@ -1,4 +1,4 @@
-"""Stages that work for long heed a stop: trainings go on from there and make the same artifacts, others start anew."""
+"""Long stages stop when asked: trainings go on from there and make the same artifacts, others stop at once."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ ITERATIONS = 120
 
 @dataclass
 class Asking:
-    """Asks to stop at the n-th time that a stage looks; remembers what it said."""
+    """Asks a stage to stop at its n-th check, and remembers what the stage said."""
 
     stop_at: int | None = None
     looks: int = 0
@@ -61,7 +61,7 @@ def inputs_of(declared: Stage, folder: Path) -> dict[str, Artifact | tuple[Artif
 def attempt(
     declared: Stage, parameters: Parameters, folder: Path, scratch: Path, number: int, asking: Asking
 ) -> dict[str, Artifact] | None:
-    """Runs a stage with the scratch directory of the attempts before; None where it was stopped."""
+    """Runs a stage with the scratch directory of earlier attempts; None if it was stopped."""
     place = folder / f"attempt-{number}"
     place.mkdir()
     (place / ".scratch").symlink_to(scratch)
@@ -79,7 +79,7 @@ def test_an_interrupted_training_makes_the_same_artifacts(name: str, tmp_path: P
     scratch.mkdir()
     undisturbed = attempt(declared, parameters, tmp_path, fresh, 0, Asking())
     assert undisturbed
-    for number, stop_at in enumerate([31, 22], start=1):  # the first look is before the first iteration
+    for number, stop_at in enumerate([31, 22], start=1):  # the first check is before the first iteration
         asking = Asking(stop_at)
         assert attempt(declared, parameters, tmp_path, scratch, number, asking) is None
         assert [path.name for path in scratch.iterdir()] == [f"checkpoint-{number}"]

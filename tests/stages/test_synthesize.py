@@ -1,4 +1,4 @@
-"""The stage: a whole capture, the same bytes for the same seed, and parameters that refuse what makes no sense."""
+"""`synthesize`: a complete capture, the same bytes for the same seed, and no parameters that make no sense."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The batch's page: a row for each item in order, failed ones too; to the public nothing of messages or failures."""
+"""The batch's page: a row for each item in order, also for failed ones; the public page has no messages or failures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is timed: pictures of one camera after the other until they are drawn, and the median after a warm-up."""
+"""Frames are timed camera after camera until they are rendered; the median leaves out the warm-up."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_the_median_is_of_the_frames_after_the_warm_up_one_camera_after_the_othe
 
 
 def test_a_frame_is_decoded_and_a_feature_map_is_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each test view is drawn so often, the warm-up included."""
+    """Only the three timed frames and the one of the warm-up are decoded."""
     frames: list[object] = []
     render = GSHider.render
 

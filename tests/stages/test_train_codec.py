@@ -1,4 +1,4 @@
-"""A codec learns to hide and to find, goes on where it was stopped, and says how good it is on other photos."""
+"""A codec learns to hide and to find, goes on where it was stopped, and is rated on other photos."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_without_photos_it_says_where_some_are(tmp_path: Path) -> None:
 
 
 def training_of_a_new_codec(**settings: float) -> CodecTraining:
-    """It hides and finds nothing; photos are white, and the watermark that is given has a fifth of their light."""
+    """The codec hides and finds nothing yet; the photo is white, and the given watermark is a fifth as bright."""
     photo, watermark = (np.full((16, 16, 3), level, np.uint8) for level in (255, 51))
     return CodecTraining(new_codec(1, 4, seed=0), [photo], [watermark], CodecSettings(10, 0, window=8, **settings))
 
@@ -75,7 +75,7 @@ def test_the_watermarked_picture_counts_by_its_weight_and_the_watermark_by_one()
 
 @pytest.mark.parametrize(("share", "light"), [(0.0, 1.0), (1.0, 0.2)])
 def test_errors_are_those_beside_the_photo_and_beside_the_watermark(share: float, light: float) -> None:
-    """The watermark that is given, or a window of a photo."""
+    """The watermark is either the given one or a window of a photo."""
     errors = training_of_a_new_codec(given_share=share).errors(1)
     assert errors[WATERMARKED].item() == pytest.approx(0, abs=1e-9)
     assert errors[WATERMARK].item() == pytest.approx(light**2)
@@ -85,7 +85,7 @@ def test_errors_are_those_beside_the_photo_and_beside_the_watermark(share: float
 def test_watermarks_are_found_in_bytes_and_noise(
     monkeypatch: pytest.MonkeyPatch, largest_noise: float, least: float, most: float
 ) -> None:
-    """An encoder that makes a photo darker by less than half a byte, and a decoder that shows what it is given."""
+    """The encoder darkens a photo by less than half a grey level, and the decoder shows its input."""
     training = training_of_a_new_codec(given_share=0, largest_noise=largest_noise)
     monkeypatch.setattr(training.codec, "watermark_encoder", lambda images, watermarks: images - 0.001)
     monkeypatch.setattr(training.codec, "watermark_decoder", lambda images: images)

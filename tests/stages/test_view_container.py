@@ -1,4 +1,4 @@
-"""Who has the files alone sees what was published; who has the secret, too, sees the messages: no photos are needed."""
+"""The public files show the cover; with the secret, they also show the messages. No photos are needed."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def cover(tmp_path_factory: pytest.TempPathFactory) -> Artifact:
 
 @pytest.fixture(scope="module")
 def of_scenes(tmp_path_factory: pytest.TempPathFactory, cover: Artifact) -> dict[str, Artifact]:
-    """What hide_scenes made of a message called `statue`, and its bundles."""
+    """What `hide_scenes` made with a message called `statue`, and its bundles."""
     folder = tmp_path_factory.mktemp("scenes")
     views = small.message_views(folder / "views")
     parameters = HideScenesParameters.model_validate(TINY | {"iterations": 4, "method": "homogeneous", "threads": 1})
@@ -51,7 +51,7 @@ def of_scenes(tmp_path_factory: pytest.TempPathFactory, cover: Artifact) -> dict
 
 @pytest.fixture(scope="module")
 def emblem() -> np.ndarray:
-    """A picture in which no view of the cover shows anything."""
+    """A picture unlike any view of the cover."""
     picture = np.zeros((small.HEIGHT, 2 * small.WIDTH, 3), np.uint8)
     picture[6:18, 20:44] = (250, 200, 20)
     return picture
@@ -59,7 +59,7 @@ def emblem() -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def of_a_picture(tmp_path_factory: pytest.TempPathFactory, cover: Artifact, emblem: np.ndarray) -> dict[str, Artifact]:
-    """What hide_image made, and its bundles."""
+    """What `hide_image` made, and its bundles."""
     folder = tmp_path_factory.mktemp("picture")
     with create(folder / "emblem", "image", private=True) as writer:
         write_image(writer, PICTURE, emblem)
@@ -77,7 +77,7 @@ def published(folder: Path, made: dict[str, Artifact], cover: Artifact | None) -
 def seen(
     folder: Path, bundle: Path, secret: Path | None = None, method: str = "gs_hider", **changes: int
 ) -> dict[str, Artifact]:
-    """What files show to whoever got them."""
+    """What the files show to whoever received them."""
     importing = ImportContainerParameters(bundle=bundle, secret=secret, method=method)
     received = run_stage(import_container, importing, {}, folder / "received")
     parameters = ViewContainerParameters.model_validate({"method": method, "pictures": 3, "threads": 1} | changes)
@@ -197,7 +197,7 @@ def test_the_cover_of_another_secret_is_told(tmp_path: Path, of_a_picture: dict[
 
 
 def test_what_is_published_large_is_shown_small(tmp_path: Path, of_a_picture: dict[str, Artifact]) -> None:
-    """The same view, of an even number of pixels; fewer frames than were published, evenly."""
+    """The same view with even numbers of pixels, and fewer frames than were published, evenly spread."""
     bundle, secret = of_a_picture["bundle"].path, of_a_picture["secret_bundle"].path
     made = seen(tmp_path, bundle, secret, width=18, frames=4)
     shown = pictures(made)

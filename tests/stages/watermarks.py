@@ -1,4 +1,4 @@
-"""Artifacts that the stages of RTWS work on: a capture of small photos, an emblem, a codec that hides a little."""
+"""Artifacts for tests of watermarks: a capture of small photos, an emblem, a codec that changes pictures a little."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ Inputs = dict[str, Artifact | tuple[Artifact, ...]]
 
 
 def capture(folder: Path, seed: int = 0) -> Artifact:
-    """The pictures that small scenes are made of, as files."""
+    """The pictures of the small scene, as photos."""
     return stored_capture(folder, dict(zip(NAMES, pictures(seed), strict=True)))
 
 
 def stored_capture(folder: Path, photos: Mapping[str, Picture]) -> Artifact:
-    """Photos by their names, as files."""
+    """A capture of these photos, by name."""
     names = tuple(photos)
     sizes = tuple((photo.shape[1], photo.shape[0]) for photo in photos.values())
     with create(folder, "capture") as writer:
@@ -57,7 +57,7 @@ def stored_splats(folder: Path, gaussians: Gaussians, method: Method) -> Artifac
 
 
 def stored_scene(folder: Path, gaussians: Gaussians, method: Method, cameras: Cameras) -> Artifact:
-    """What the Gaussians look like from these cameras; the first two are test views."""
+    """A scene of the Gaussians' renders from these cameras; the first two are test views."""
     shown = renders(gaussians, method, cameras, lambda: None)
     points = gaussians.means.numpy()[::25]
     with create(folder, "scene") as writer:
@@ -66,7 +66,7 @@ def stored_scene(folder: Path, gaussians: Gaussians, method: Method, cameras: Ca
 
 
 def little_codec() -> WatermarkCodec:
-    """One that changes pictures a little by what it hides in them."""
+    """A codec that changes pictures a little when it hides something in them."""
     codec = new_codec(1, 4, seed=0)
     generator = torch.Generator().manual_seed(3)
     with torch.no_grad():

@@ -1,4 +1,4 @@
-"""Divergences of histograms: their bounds, what they notice, and what they must not."""
+"""Divergences of histograms: their bounds, what they notice, and what must not affect them."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_one_value_in_a_thousand_that_strays_hides_nothing() -> None:
 
 
 def test_three_values_in_a_thousand_are_told_apart() -> None:
-    """These are more than the first and the last bin take; of them, the divergence is the share of what differs."""
+    """They are more than the outermost bins take; the divergence is then the share of values that differ."""
     alike = np.linspace(0, 1, 997)
     own, other = (np.append(alike, [value] * 3) for value in (2, 3))
     assert divergence(own, other) == pytest.approx(0.003)

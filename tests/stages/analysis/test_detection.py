@@ -1,4 +1,4 @@
-"""Thresholds and bounds say what they claim to."""
+"""Thresholds and bounds hold what they promise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A part of other scenes' pictures is tried after every distortion, right after it was tried as it is."""
+"""Some pictures of other scenes are also tried with each distortion, right after the undistorted picture."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_none_may_be_distorted() -> None:
 
 
 def test_distorted_negatives_are_counted_by_their_distortion_alone() -> None:
-    """A decoder that shows the picture itself, and a white watermark: what is bright enough reaches the threshold."""
+    """The decoder shows the picture itself and the watermark is white, so bright pictures reach the threshold."""
     white, grey = (np.full((12, 16, 3), level, np.uint8) for level in (255, 110))
     tried = with_distorted([(Negative("photos", "wall", OTHER_SCENES), grey)], 1, seed=0)
     detector = Detector(picture_to_tensor, white, own_share=1 - (1 - 120 / 255) ** 2)

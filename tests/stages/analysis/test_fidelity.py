@@ -1,4 +1,4 @@
-"""Figures over covered pixels look only there, and the floor is the best constant."""
+"""Figures over covered pixels ignore all others, and the floor is that of the best constant."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def test_only_covered_pixels_count() -> None:
 
 
 def test_similarity_is_that_of_covered_pixels() -> None:
-    """What is wrong lies farther off than the window about them reaches."""
+    """The wrong pixels lie beyond the reach of the windows around covered ones."""
     truth = torch.rand(20, 20, 3, generator=torch.Generator().manual_seed(0))
     picture, coverage = truth.clone(), torch.zeros(20, 20)
     picture[:, 10:] = 0
@@ -58,7 +58,7 @@ def test_nothing_covered_is_not_a_number() -> None:
 
 @pytest.mark.parametrize("pixels", [1, 300])
 def test_what_shows_one_colour_has_no_floor(pixels: int) -> None:
-    """Its floor would be infinite, and with it the mean over views: of a sky, of a single pixel, of nothing at all."""
+    """The floor of a sky or of a single pixel would be infinite, and so would the mean over views."""
     picture, coverage = torch.rand(20, 20, 3, generator=torch.Generator().manual_seed(0)), torch.zeros(20, 20)
     truth = torch.full_like(picture, 249 / 255)
     coverage.view(-1)[:pixels] = 1

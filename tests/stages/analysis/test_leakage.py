@@ -1,4 +1,4 @@
-"""The leak detector sees a message that shines through, and nothing where there is none."""
+"""The leak detector finds a message that shines through, and nothing where there is none."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_independent_residuals_correlate_no_more_with_their_own() -> None:
 
 
 def test_correlations_are_those_of_every_pair_by_itself() -> None:
-    """Of bytes as of other values."""
+    """Bytes and floats give the same correlations."""
     residuals = pictures(4)
     messages = [np.round(255 * picture).astype(np.uint8) for picture in pictures(5)]
     own, others = matched_correlations(residuals, messages)

@@ -1,4 +1,4 @@
-"""The learned detector finds in other scenes what it is shown, whatever the order of channels."""
+"""The learned detector finds in other scenes what it was trained on, whatever the order of channels."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from stages.analysis.residual_detector import (
 
 
 def scene(seed: int, channels: int = 3, amplitude: float = 0.0) -> np.ndarray:
-    """Six smooth pictures of a scene's own colours; with an amplitude, every other pixel is lifted by it."""
+    """Six smooth pictures in colours of the scene's own; `amplitude` is added to every other pixel."""
     generator = np.random.default_rng(seed)
     rows, columns = np.mgrid[0:40, 0:48]
     slopes = generator.uniform(-2, 2, (6, channels, 2))
@@ -57,7 +57,7 @@ def test_the_order_of_channels_and_their_contrast_do_not_matter() -> None:
 
 
 def test_smooth_content_is_no_hint() -> None:
-    """Brightness is filtered away."""
+    """The filters remove brightness."""
     torch.manual_seed(0)
     detector = ResidualDetector()
     values = scene(0).clip(0, 200).astype(np.uint8)
@@ -66,7 +66,7 @@ def test_smooth_content_is_no_hint() -> None:
 
 
 def test_all_edges_are_alike_from_three_grey_levels_on() -> None:
-    """Of what is larger nothing is to be learnt; what is smaller tells how much was hidden."""
+    """Larger residuals are truncated, since they tell nothing; smaller ones tell how much was hidden."""
     torch.manual_seed(0)
     detector = ResidualDetector()
 
@@ -96,7 +96,7 @@ def test_nothing_to_learn_from_is_said() -> None:
 
 
 def test_hidden_and_clean_are_seen_at_the_same_places() -> None:
-    """Content is then no hint: of two containers alike, nothing is left."""
+    """Content is then no hint: two equal containers give equal crops."""
     views = views_of(scene(0))
     generator = np.random.default_rng(0)
     for _ in range(20):

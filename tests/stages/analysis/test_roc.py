@@ -1,4 +1,4 @@
-"""Curves and areas: against pairs counted one by one, and intervals that cover what they should."""
+"""Curves and areas agree with pairs counted one by one, and intervals cover what they should."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def scores(positives: list[float], negatives: list[float], paired: bool = False)
 
 
 def counted(scene: DetectorScores) -> float:
-    """Every pair of views, one by one."""
+    """The area, from every pair of views, one by one."""
     pairs = [
         (p > q) + 0.5 * (p == q)
         for p in scene.positives
@@ -70,7 +70,7 @@ def test_the_area_is_how_often_a_positive_is_above_a_negative(lists: list[tuple[
 
 
 def test_numbers_of_views_are_no_evidence() -> None:
-    """Two scenes that a detector tells apart, but in neither of them the classes: the pooled area is chance."""
+    """The detector tells two scenes apart, but not the classes within either: the pooled area is that of chance."""
     many, few = [0.1] * 50, [0.1] * 2
     scenes = [scores(many, few), scores([0.9] * 2, [0.9] * 50)]
     assert area_under(roc_curve(scenes)) == pytest.approx(0.5)
@@ -89,7 +89,7 @@ def test_a_detector_that_is_always_wrong_is_as_good_as_its_opposite() -> None:
 
 
 def test_each_scene_is_turned_by_itself() -> None:
-    """Of one with two detectors their mean decides; what scored nothing is left out."""
+    """The mean decides in a scene with two detectors; scenes without usable scores are left out."""
     right, wrong = scores([1.0] * 4, [0.0] * 4), scores([0.0] * 4, [1.0] * 4)
     unsure = scores([0.0, 1.0] * 2, [0.5] * 4)
     of_fox = [replace(each, scene="fox") for each in (wrong, unsure)]
@@ -99,8 +99,9 @@ def test_each_scene_is_turned_by_itself() -> None:
 
 
 def test_intervals_cover_the_truth() -> None:
-    """Scenes with an offset of their own, classes that differ by one deviation: the area is Φ(1 / √2) = 0.760 within a
-    scene. Of 60 experiments with ten scenes the interval should cover it in nearly all.
+    """The classes differ by one standard deviation, so the area within a scene is Φ(1 / √2) = 0.760.
+
+    In nearly all of 60 experiments with ten scenes, the interval should cover it.
     """
     generator = np.random.default_rng(0)
     covered = 0
@@ -114,7 +115,7 @@ def test_intervals_cover_the_truth() -> None:
 
 @pytest.mark.parametrize("paired", [False, True])
 def test_intervals_cover_the_truth_where_neighbours_look_alike(paired: bool) -> None:
-    """One scene of 250 views, whose scores have a correlation of 0.9 from one view to the next, as renders' have."""
+    """One scene of 250 views; scores of neighbouring views have a correlation of 0.9, as with renders."""
     generator = np.random.default_rng(0)
 
     def neighbours_alike() -> np.ndarray:
@@ -130,7 +131,7 @@ def test_intervals_cover_the_truth_where_neighbours_look_alike(paired: bool) -> 
 
 
 def test_an_interval_leaves_out_one_in_forty_at_either_end() -> None:
-    """Of sixteen scenes a detector is right in half: of as many drawn, those that it is right in are binomial."""
+    """The detector is right in half of 16 scenes, so the number of such scenes among 16 drawn ones is binomial."""
     scenes = [scores([1.0], [0.0])] * 8 + [scores([0.0], [1.0])] * 8
     area = bootstrap_area(scenes, seed=0, repeats=10_000)
     assert (area.low, area.high) == pytest.approx(tuple(binom.ppf([1 / 40, 39 / 40], 16, 0.5) / 16))
@@ -145,7 +146,7 @@ def test_neighbours_that_look_alike_widen_the_interval() -> None:
 
 
 def test_pairs_are_drawn_together() -> None:
-    """The same cameras make both classes' scores go up and down together: what differs is surer than by itself."""
+    """Both classes' scores vary with the camera, so their difference is surer if the same cameras are drawn of both."""
     generator = np.random.default_rng(0)
     camera = generator.normal(0, 1, 100)
     paired, apart = (scores(list(camera + 0.01), list(camera), paired) for paired in (True, False))
@@ -182,7 +183,7 @@ def test_classes_are_compared_within_scenes() -> None:
 
 
 def test_detectors_of_one_scene_are_no_scenes() -> None:
-    """Two detectors that agree, of a scene each, leave it open what a third scene gives; four of two do no less."""
+    """With two scenes, more detectors of each do not narrow the interval: a third scene could give anything."""
     good, bad = scores([1.0] * 4, [0.0] * 4), scores([0.0] * 4, [1.0] * 4)
     two = [replace(good, scene="fox"), replace(bad, scene="bonsai")]
     assert bootstrap_area([*two, *two, two[0]], 0) == Area(0.5, 0.0, 1.0)

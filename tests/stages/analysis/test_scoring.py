@@ -1,4 +1,4 @@
-"""Views in which nothing of a message is seen have its coverage and no other figure of it, as under attack."""
+"""Views that show nothing of a message have only figures of coverage for it, here as under attack."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BLANK = NAMES[1]
 
 
 def message() -> dict[str, MessageViews]:
-    """Of which one view shows nothing."""
+    """A message that one view does not show at all."""
     shown, coverage = pictures(1), np.ones((VIEWS, HEIGHT, WIDTH), np.float32)
     shown[NAMES.index(BLANK)], coverage[NAMES.index(BLANK)] = 0, 0
     nothing = np.zeros((0, 3), np.float32)
@@ -27,7 +27,7 @@ def message() -> dict[str, MessageViews]:
 
 
 def test_a_view_that_shows_nothing_of_the_message_does_not_count_for_it() -> None:
-    """A container that is black there as well would have infinitely many decibels on average."""
+    """A container that is black there as well would have an infinite mean PSNR."""
     target, owner = target_and_owner("sh")
     container = ReadContainer(target.gaussians, owner, target.gaussians)
     scores = score(container, "sh", scene(), message(), {}, 0, lambda done, total: None)

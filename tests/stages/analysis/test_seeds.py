@@ -1,4 +1,4 @@
-"""Seeds that figures are averaged over."""
+"""The seeds over which figures are averaged."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ CHOICES = {
 
 
 def target_and_owner(name: str, count: int = 200, opacity: float = 1.0) -> tuple[Target, Method]:
-    """A container without the secret, and the method with it. `opacity` is added to the logits."""
+    """A container without the secret, and its method with the secret. `opacity` is added to the opacities' logits."""
     settings = {setting: CHOICES[setting] for setting in settings_of(name)}
     with torch.random.fork_rng():
         torch.manual_seed(3)
@@ -68,7 +68,7 @@ def knowledge() -> Knowledge:
 
 
 def shown(target: Target, method: Method) -> dict[str, torch.Tensor]:
-    """The pictures of one view, by a method that may have the secret, wherever the world was moved."""
+    """The pictures of one view, with or without the secret; the camera moves with the world."""
     rig = cameras()
     moved = target.motion.world_to_camera(rig.world_to_camera)
     camera = single_cameras(Cameras(rig.names, moved, rig.intrinsics, WIDTH, HEIGHT))[0]

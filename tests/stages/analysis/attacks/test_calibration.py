@@ -1,4 +1,4 @@
-"""Severities are found at which an attack does what it is to do."""
+"""Calibration finds the severities at which an attack does the damage asked for."""
 
 from __future__ import annotations
 

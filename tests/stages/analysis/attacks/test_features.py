@@ -1,4 +1,4 @@
-"""Attacks that the scene decoder is made to forgive: the cover stays, and the message goes."""
+"""Attacks on features for which the scene decoder is made to compensate: the cover stays, the message is lost."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def generator() -> torch.Generator:
 
 
 def changes(target: Target, owner: Method, attacked: Target) -> tuple[float, float]:
-    """How much an attack changes of the cover, decoded by the attacker, and of the message, decoded by the owner."""
+    """How much an attack changes the cover, decoded by the attacker, and the message, decoded by the owner."""
     cover = shown(attacked, attacked.method)[COVER] - shown(target, target.method)[COVER]
     message = shown(attacked, owner)[MESSAGE] - shown(target, owner)[MESSAGE]
     return float(cover.abs().max()), float(message.abs().max())
@@ -41,7 +41,7 @@ def test_homogeneous_features_are_turned_behind_the_covers_back(degrees: float) 
 
 
 def test_gs_hider_is_turned_exactly_where_it_is_opaque() -> None:
-    """Decoded pixel by pixel, without a border, features of opacity 1 are read as before; blended ones are not."""
+    """Away from picture borders, features at opacity 1 are read as before; blended ones are not."""
     target, _ = target_and_owner("gs_hider")
     attacked = compensated_rotation(target, 60.0, generator())
     first, turned = target.method.networks["scene_decoder"][0], attacked.method.networks["scene_decoder"][0]

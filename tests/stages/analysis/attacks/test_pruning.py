@@ -1,4 +1,4 @@
-"""Whole Gaussians are taken or doubled: which, how many, and that nothing else changes."""
+"""Whole Gaussians are removed or doubled: which ones, how many, and that nothing else changes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def generator(seed: int = 0) -> torch.Generator:
 
 
 def rows(attacked: Target) -> list[int]:
-    """Which of the original Gaussians these are."""
+    """The rows that these Gaussians had in the original."""
     means = TARGET.gaussians.means.tolist()
     return [means.index(each) for each in attacked.gaussians.means.tolist()]
 

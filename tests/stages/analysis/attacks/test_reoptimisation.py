@@ -1,4 +1,4 @@
-"""The cover is trained on without the secret; the original stays, and so does a frozen scene decoder."""
+"""The cover is trained further without the secret; the original and a frozen scene decoder stay unchanged."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The owner restores what was done to a container as a whole, by the same means whatever it was."""
+"""The owner undoes what was done to a container as a whole, by the same means for every attack."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A world that is turned with everything public in it looks the same from cameras that turned with it."""
+"""A world that is turned with everything public in it looks the same from cameras that are turned with it."""
 
 from __future__ import annotations
 

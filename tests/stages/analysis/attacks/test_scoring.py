@@ -1,4 +1,4 @@
-"""Covers are decoded by what the attacker left of the scene decoder, messages by the secret; renders may be hurt."""
+"""Covers are decoded with the attacker's scene decoder, messages with the secret; renders may be attacked too."""
 
 from __future__ import annotations
 
@@ -157,7 +157,7 @@ def test_a_view_of_the_cover_that_cannot_be_rendered_is_no_view_that_is_spared()
 
 
 def test_messages_are_read_off_renders_in_the_order_of_the_secret() -> None:
-    """Whatever order they are given in, and however many of them."""
+    """Regardless of the order in which they are given, and of how many are."""
     target, _ = target_and_owner("decoder")
     torch.manual_seed(0)
     owner = build_method("decoder", {**target.method.settings, "messages": ("b", "a")})

@@ -1,4 +1,4 @@
-"""What the scene decoder does not heed goes first, and the published decoder stays as it is."""
+"""Directions that the scene decoder does not read go first, and the published decoder stays as it is."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.stages.analysis.attacks.containers import MESSAGE, knowledge, shown, 
 
 
 def changes(target: Target, owner: Method, attacked: Target) -> tuple[float, float]:
-    """How much an attack changes of the cover, decoded by the attacker, and of the message, decoded by the owner."""
+    """How much an attack changes the cover, decoded by the attacker, and the message, decoded by the owner."""
     cover = shown(attacked, attacked.method)[COVER] - shown(target, target.method)[COVER]
     message = shown(attacked, owner)[MESSAGE] - shown(target, owner)[MESSAGE]
     return float(cover.abs().max()), float(message.abs().max())

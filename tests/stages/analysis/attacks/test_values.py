@@ -1,4 +1,4 @@
-"""Noise, quantisation and stripping change stored values by as much as they say, and leave the original alone."""
+"""Noise, quantisation and stripping change stored values as much as they say, and leave the original alone."""
 
 from __future__ import annotations
 

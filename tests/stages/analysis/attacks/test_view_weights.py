@@ -1,4 +1,4 @@
-"""View weights are what is blended, influences what the cover would lose; pruning begins where it loses least."""
+"""View weights are blending weights, influences what the cover would lose; pruning starts where it loses least."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ def test_weights_of_all_gaussians_are_the_opacity_of_the_picture() -> None:
 
 
 def test_influence_is_the_covers_change_to_first_order() -> None:
-    """Averaged over many random signs, it is how much the picture changes as a Gaussian fades, in the squares' sum."""
+    """Its square, averaged over many random signs, is the summed squared change of the picture as a Gaussian fades."""
     target, _ = target_and_owner("sh", count=12, opacity=-2.0)
     known = one_view()
     camera = known.views.cameras[0]
     squares = torch.stack([view_weights(target, seed, known).influence.square() for seed in range(100)]).mean(dim=0)
-    step = 0.5  # blending is linear in one opacity; small steps would show no more than where a footprint ends
+    step = 0.5  # blending is linear in one opacity; small steps would mostly show where the footprint ends
     for row in range(3):
         pictures = []
         for sign in (-1, 1):

@@ -75,7 +75,7 @@ def test_an_axis_that_does_not_begin_at_zero_begins_at_its_values() -> None:
 
 
 def test_no_number_stands_at_an_axis_twice() -> None:
-    """What an attack costs the cover may be next to nothing, and that is then no axis of its own."""
+    """An attack may cost the cover next to nothing; the axis is not stretched to show so little."""
     series = [Series("one", ((30.0101, 22.4), (30.0101, 19.9))), Series("other", ((30.0102, 22.4), (30.01015, 11.2)))]
     chart = line_chart("curve", series, from_zero=False, axes=("Cover (dB)", "Message (dB)"))
     assert chart is not None

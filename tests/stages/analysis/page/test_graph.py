@@ -54,7 +54,7 @@ def test_curves_join_what_was_taken_and_run_behind_no_box() -> None:
             y = float(re.findall(r"-?[\d.]+", curve.split(" h")[0])[-1])
             column = float(re.findall(r"-?[\d.]+", curve.split(" h")[0])[-2])
             assert all(abs(middle[name] - y) > graph.box_height / 2 for name in middle if abs(left[name] - column) < 1)
-    assert len(graph.curves) == len(set(graph.curves)) == 7  # of which three along the lane from a to d
+    assert len(graph.curves) == len(set(graph.curves)) == 7  # three of them along the lane from a to d
 
 
 def test_long_names_are_shortened_and_kept_in_full() -> None:

@@ -1,4 +1,4 @@
-"""Rows as the workflows of the paper's tables measure them: three captures, every method, figures like real ones."""
+"""Rows as measured by the workflows for the paper's tables: three captures, every method, realistic figures."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Row = MetricRow
 def picture_rows(
     method: str, psnr: float, message: str | None = None, lpips: bool = True, at: Mapping[str, float] | None = None
 ) -> list[Row]:
-    """Every picture's figures; the views differ by tenths of a decibel about `psnr`; those of `at` have their own."""
+    """Every picture's figures; views differ from `psnr` by tenths of a decibel, and those in `at` have their own."""
     rows = []
     for number, (view, split) in enumerate(VIEWS.items()):
         offset = {"test": 0.2 if number else -0.2, "train": 0.5}[split]
@@ -50,14 +50,14 @@ def size_rows(method: str, factor: float = 1.0) -> list[Row]:
 
 
 def shaken(capture: str, seed: int, scale: float = 0.05) -> float:
-    """What a seed changes: the same each time, of mean 0 over three seeds."""
+    """The effect of a seed: the same each time, with mean 0 over three seeds."""
     return scale * ((seed + len(capture)) % 3 - 1)
 
 
 def scene_rows(
     capture: str, method: str, seed: int = 0, cover: float = 0.0, message: float = 0.0, messages: Sequence[str] = ()
 ) -> list[Row]:
-    """What `evaluate` measures of a container and of plain 3DGS beside it; `cover` and `message` are added."""
+    """Rows as `evaluate` writes them for a container and plain 3DGS; `cover` and `message` are added to its PSNR."""
     plain = PLAIN_PSNR[capture]
     rows = picture_rows(method, plain + COVER[method] + cover + shaken(capture, seed)) + size_rows(method)
     for number, name in enumerate(messages if method != "plain" else ()):
@@ -69,7 +69,7 @@ def scene_rows(
 
 
 def image_rows(capture: str, method: str, image: str) -> list[Row]:
-    """An image at one view: 3DGS+Decoder loses the cover there."""
+    """An image hidden in one view, where 3DGS+Decoder loses the cover."""
     plain = PLAIN_PSNR[capture]
     lost = {"gs_hider": -0.6, "decoder": -5.8}[method]
     there = {HIDING_VIEW: plain + lost + (0.4 if method == "gs_hider" else -9.0)}
@@ -91,7 +91,7 @@ def metrics(folder: Path, name: str, rows: Sequence[Row], private: bool = True) 
 
 
 def fidelity_items(folder: Path) -> Iterator[Item]:
-    """Table 1 on three captures, with three seeds on the fox."""
+    """Items of Table 1 for three captures, with three seeds for the fox."""
     for capture, message in MESSAGES.items():
         for method in COVER:
             for seed in (0, 1, 2) if capture == "fox" else (0,):
@@ -103,7 +103,7 @@ def fidelity_items(folder: Path) -> Iterator[Item]:
 
 
 def bare_items(folder: Path) -> Iterator[Item]:
-    """Nothing hidden, with the paper's features and with larger ones."""
+    """Items that hide nothing, with the paper's features and with larger ones."""
     for capture in PLAIN_PSNR:
         for feature_dim, layers, gain in ((16, 5, 0.65), (32, 7, 0.9)):
             sizes = {"feature_dim": feature_dim, "layers": layers}
@@ -114,7 +114,7 @@ def bare_items(folder: Path) -> Iterator[Item]:
 
 
 def image_items(folder: Path) -> Iterator[Item]:
-    """Two images, one at a time."""
+    """Items that hide one of two images."""
     for capture in PLAIN_PSNR:
         for method in ("decoder", "gs_hider"):
             for image in ("boat", "mark"):
@@ -125,7 +125,7 @@ def image_items(folder: Path) -> Iterator[Item]:
 
 
 def multi_items(folder: Path) -> Iterator[Item]:
-    """Two messages and four."""
+    """Items with two and with four messages."""
     for capture in PLAIN_PSNR:
         for count in (2, 4):
             names = ["reef", "library", "workshop", "courtyard"][:count]
@@ -136,7 +136,7 @@ def multi_items(folder: Path) -> Iterator[Item]:
 
 
 def ablation_items(folder: Path) -> Iterator[Item]:
-    """Each setting varied alone, on one capture fewer for the last."""
+    """Items of the ablations: each setting varied alone, on every capture."""
     varied = {
         (0.25, 16, 5): (0.3, -3.0),
         (0.5, 16, 5): (0.0, 0.0),
@@ -156,7 +156,7 @@ def ablation_items(folder: Path) -> Iterator[Item]:
 
 
 def plateau_items(folder: Path) -> Iterator[Item]:
-    """Plain 3DGS, GS-Hider and our own with twice the iterations."""
+    """Plain 3DGS, GS-Hider and our method, each also with twice the iterations."""
     for iterations, gain in ((3000, 0.0), (6000, 0.2)):
         for method in ("plain", "gs_hider", "homogeneous"):
             hidden = () if method == "plain" else ("kitchen",)
@@ -167,7 +167,7 @@ def plateau_items(folder: Path) -> Iterator[Item]:
 
 
 def timing_items(folder: Path) -> Iterator[Item]:
-    """Times without a method in their rows, as `time_frames` leaves them."""
+    """Frame times whose rows name no method, unlike those of `time_frames`."""
     for capture in PLAIN_PSNR:
         for method, seconds in SECONDS.items():
             rows = [Row("seconds_per_frame", seconds, "s"), Row("seconds_per_feature_map", seconds / 3, "s")]
@@ -180,7 +180,7 @@ def timing_items(folder: Path) -> Iterator[Item]:
 
 
 def public_of(folder: Path, items: Sequence[Item]) -> list[Item]:
-    """The same without rows about messages, as `evaluate` publishes them; what failed has failed here, too."""
+    """The same items without rows on messages, as `evaluate` publishes them; failed items stay failed."""
 
     def published(item: Item) -> Item:
         if item.artifact is None:

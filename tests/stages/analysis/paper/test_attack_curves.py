@@ -1,4 +1,4 @@
-"""Areas under curves of attacks: by hand for simple ones, and as an attacker would have it for the others."""
+"""Areas under attack curves: computed by hand for simple ones, and from the attacker's view for the others."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ COVER, MESSAGE = 30.0, 24.0
 
 
 def curve(*points: tuple[float, float]) -> Curve:
-    """Of what cover and message lose, in dB."""
+    """A curve from the losses of cover and message, in dB."""
     shown = (Point(number, COVER - cover, MESSAGE - message) for number, (cover, message) in enumerate(points))
     return Curve(Point(0, COVER, MESSAGE), tuple(shown))
 
@@ -50,8 +50,10 @@ def test_captures_weigh_alike_however_often_each_was_trained() -> None:
 
 
 def test_captures_that_were_attacked_otherwise_are_averaged_where_their_covers_lose_as_much() -> None:
-    """Of lines with slopes 1 and 3 that of slope 2, whatever points were measured, as far as both reach; and to what
-    kills a third of a message for nothing and its cover by and by."""
+    """Lines with slopes 1 and 3 average to slope 2 at any measured points, as far as both reach.
+
+    A third curve loses 9 dB of its message at no cost, so the average starts 3 dB lower.
+    """
 
     def attacked(capture: str, slope: float, losses: list[float], free: float = 0.0) -> Experiment:
         rows = [Measurement("psnr", COVER, UNATTACKED), Measurement("psnr", MESSAGE, UNATTACKED, message="statue")]
@@ -128,7 +130,7 @@ def test_the_order_of_points_does_not_matter_and_more_points_leave_no_more(
 
 
 def test_what_costs_next_to_nothing_costs_nothing() -> None:
-    """No width means what is left then; and in a width it is a vertical drop."""
+    """At width 0, such a point is what is left of the message; in a wider range, it is a vertical drop."""
     for free in (-0.2, 0, 0.4 * LEAST_LOSS, 0.99 * LEAST_LOSS):
         assert curve((free, 4), (1, 9)).message_left(0) == pytest.approx(MESSAGE - 4)
         assert curve((free, 4)).message_left(3) == pytest.approx(MESSAGE - 4)
@@ -138,7 +140,7 @@ def test_what_costs_next_to_nothing_costs_nothing() -> None:
 def pruned(
     messages: dict[str, tuple[float, float]], floors: dict[str, float], seeds: dict[int, float] | None = None
 ) -> Experiment:
-    """Of each message what it was and what is left of it; an attack's seeds take so much more."""
+    """`messages` has each PSNR before and after an attack; `seeds` says how much more each seed takes."""
     rows = [Measurement("psnr", 30.0, UNATTACKED)]
     rows += [Measurement(ONE_COLOUR, value, UNATTACKED, message=name) for name, value in floors.items()]
     for name, (before, _) in messages.items():

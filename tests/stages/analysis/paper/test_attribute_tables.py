@@ -1,4 +1,4 @@
-"""Which attribute's histogram gives a container away most."""
+"""The attribute whose histogram gives a container away most."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An average says so where it is of fewer captures than others, and nothing is averaged that differs in a setting."""
+"""An average over fewer captures than others says so, and runs that differ in a setting are not averaged."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Cells = dict[tuple[str, ...], dict[str, Cell]]
 
 
 def cells(chapter: Chapter, caption: str) -> Cells:
-    """Of our own lines of the grid whose caption begins so."""
+    """Cells by line and heading, for our own lines of the grid whose caption starts with `caption`."""
     [grid] = [grid for grid in chapter.grids if grid.caption.startswith(caption)]
     return {line.names: dict(zip(grid.headings, line.cells, strict=True)) for line in grid.lines if not line.published}
 
@@ -39,7 +39,7 @@ def run(capture: str, method: str, cover: float, message: float, settings: Setti
 
 
 def attacked(capture: str, method: str, cover: float, message: float, spread: float = 0.0) -> Experiment:
-    """Pruned at random with two seeds, which differ by `spread` of the message."""
+    """Random pruning with two seeds, whose messages differ by `spread`."""
 
     def rows(condition: str, share: float | None, seed: int | None, lost: float) -> list[Measurement]:
         figures = ((None, cover - lost), ("statue", message - lost / 2 - spread * (seed or 0)))
@@ -94,7 +94,7 @@ def test_attacks_of_which_a_row_failed_say_of_how_many_captures_their_averages_a
 
 
 def test_settings_of_a_method_of_ones_own_tell_its_runs_and_its_experiments_apart(tmp_path: Path) -> None:
-    """As `workflows/README.md` has them in a column: a mapping, which was taken for words."""
+    """A column may hold a mapping of such settings, as `workflows/README.md` shows."""
 
     def item(name: str, levels: int, message: float, stage: str) -> Item:
         values = {"capture": "fox", "method": "mine", "seed": 0, "own": {"levels": levels}, "clean_seed": levels}

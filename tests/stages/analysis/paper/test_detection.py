@@ -1,4 +1,4 @@
-"""What is said of a detector in words: beside what it says of two trainings that hide nothing, capture by capture."""
+"""Verdicts on detectors: compared with two trainings that hide nothing, capture by capture."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ VIEWS = 60
 
 
 def seen(capture: str, hiding: float, chance: float | None) -> Experiment:
-    """Logits by which so large a share of the pairs of views are in order, in each of the two comparisons."""
+    """Logits that order these shares of the pairs of views correctly, in each of the two comparisons."""
     logits = {CLEAN: np.linspace(0, 1, VIEWS), HIDDEN: _above(hiding)}
     if chance is not None:
         logits[CLEAN_AGAIN] = _above(chance)
@@ -32,7 +32,7 @@ def seen(capture: str, hiding: float, chance: float | None) -> Experiment:
 
 
 def _above(share: float) -> np.ndarray:
-    """Values of which this share lies above 0 to 1, the rest below."""
+    """Values; this share of them lies above the range 0 to 1 of clean ones, the rest below it."""
     return np.where((np.arange(VIEWS) * 7 % VIEWS + 0.5) / VIEWS < share, 2.0, -1.0)
 
 
@@ -53,7 +53,7 @@ def scored(hiding: np.ndarray, chance: np.ndarray, clean: np.ndarray) -> Experim
 
 
 def test_a_control_is_as_unsure_as_what_it_is_a_control_for() -> None:
-    """Alone its area is under the interval of what hides, and views drawn anew could well turn both round."""
+    """The control's area is below the interval of what hides, but other views might well reverse the order."""
     first, second, clean = np.random.default_rng(0).normal(0, 1, (3, VIEWS))
     unsure = [scored(first + 0.8, second + 0.4, 0.3 * clean)]
     hiding, chance = (area_of(unsure, LOGIT, each) for each in (HIDING, CHANCE))
@@ -63,7 +63,7 @@ def test_a_control_is_as_unsure_as_what_it_is_a_control_for() -> None:
 
 
 def test_what_both_share_is_drawn_once() -> None:
-    """The same cameras lift what hides above the control, whatever they do to both."""
+    """Cameras change both alike, and at each camera the containers that hide score higher."""
     views, clean = np.random.default_rng(0).normal(0, 1, (2, VIEWS))
     sure = [scored(views + 0.8, views + 0.5, clean)]
     hiding, chance, excess = area_of(sure, LOGIT, HIDING), area_of(sure, LOGIT, CHANCE), excess_of(sure, LOGIT)
@@ -84,7 +84,7 @@ def test_chance_that_was_not_measured_is_said() -> None:
 
 
 def test_what_is_told_on_some_captures_alone_is_said() -> None:
-    """Whichever way; a capture counts that is farther than two that hide nothing."""
+    """In either direction; a capture counts if its area is farther from chance than that of two that hide nothing."""
     both_ways = [seen("fox", 0.95, 0.5), seen("bonsai", 0.05, 0.5), seen("kitchen", 0.5, 0.5)]
     assert verdict(both_ways, LOGIT) == "distinguished only on 2 of 3 captures, in opposite directions"
     assert verdict(both_ways[:2], LOGIT) == "distinguished, in opposite directions"
@@ -96,8 +96,10 @@ def test_what_is_told_on_some_captures_alone_is_said() -> None:
 
 @pytest.mark.parametrize("quantity", [FUSION, LOGIT])
 def test_directions_do_not_cancel_and_controls_are_averaged_as_what_they_are_controls_for(quantity: str) -> None:
-    """The same in the table, in the relation, and in words: 0.65 and 0.22 are 0.65 and 0.78, and 0.69 and 0.45 no
-    chance."""
+    """In the table, the relation and the words alike, 0.65 and 0.22 count as 0.65 and 0.78.
+
+    Likewise, controls of 0.69 and 0.45 count as 0.69 and 0.55, and do not average to chance.
+    """
     logits = [seen("fox", 0.65, 0.69), seen("bonsai", 0.22, 0.45)]
     quantities = (FUSION, *DETECTORS) if quantity == FUSION else (LOGIT,)
     given = []
@@ -122,7 +124,7 @@ def test_directions_do_not_cancel_and_controls_are_averaged_as_what_they_are_con
 
 
 def test_two_trainings_of_a_scene_are_not_pooled() -> None:
-    """Each is told apart from its clean twin; what sets the trainings apart says nothing of that."""
+    """Each is distinguished from its clean twin; how the trainings differ from each other does not matter."""
     rows = []
     for training, offset in enumerate((0.0, 10.0)):
         rows += [Measurement(LOGIT, offset + view / VIEWS, CLEAN, seed=training) for view in range(VIEWS)]

@@ -1,4 +1,4 @@
-"""A chapter's charts as SVG: every chart, every name, nothing out of the picture, and no markup from names."""
+"""A chapter's charts as SVG: every chart and name is there, all inside the picture, and names are not markup."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Names are text: what a capture or a message is called is read as it was written."""
+"""Names of captures and messages are text: they read as they were written."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from stages.imaging.metric_table import MetricRow
 def run(
     psnr: float, capture: str = "fox", other: tuple[str, ...] = (), method: str = "gs_hider", seed: str = ""
 ) -> Run:
-    """Of a seed of its own for each figure, unless one is given."""
+    """A run with its figure as its seed, unless one is given."""
     return Run(capture, method, (), seed or f"{psnr}", (MetricRow("psnr", psnr, "dB", "a", "test"),), other)
 
 
@@ -74,7 +74,7 @@ def test_noise_is_pooled_over_what_differs_in_seed_alone() -> None:
 
 
 def test_what_has_the_same_seed_tells_no_noise() -> None:
-    """As two trainings with other bounds of Gaussians do, of which a run of plain 3DGS says nothing."""
+    """Runs with the same seed must differ in something else, which is no noise between seeds."""
     alike = [run(24.0, seed="0"), run(26.0, seed="0")]
     assert noise(alike, PSNR).count == 0
     assert measure(alike, PSNR).by_capture["fox"].count == 1
@@ -150,7 +150,7 @@ def test_what_is_not_secure_on_one_capture_is_not_secure(values: list[float], no
 
 
 def test_few_runs_tell_no_deviation_for_sure() -> None:
-    """Student's t of three runs, with two degrees of freedom, is 4.30; of three on each of twenty captures, 2.02."""
+    """Student's t is 4.30 for three runs (two degrees of freedom), and 2.02 for three on each of twenty captures."""
     three = [run(24.0), run(25.0), run(26.0)]
     many = [run(psnr, f"capture {number}") for number in range(20) for psnr in (24.0, 25.0, 26.0)]
     found = [noise(runs, PSNR) for runs in (three, many)]
@@ -159,7 +159,7 @@ def test_few_runs_tell_no_deviation_for_sure() -> None:
 
 
 def test_noise_of_what_is_compared_follows_from_how_many_runs_it_is_made_of() -> None:
-    """Of single runs with a standard deviation of 1: means over seeds and captures, and differences of both."""
+    """Means over seeds and captures, and their differences, if single runs have a standard deviation of 1."""
     own = measure([run(24.0), run(25.0), run(26.0), run(20.0, "bonsai")], PSNR)
     other = measure([run(23.0), run(19.0, "bonsai")], PSNR)
     variances = {"fox": 1 / 3 + 1, "bonsai": 1 + 1}

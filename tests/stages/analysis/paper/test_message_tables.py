@@ -1,4 +1,4 @@
-"""Chapters beside Table 1 show all that was measured: every metric, other views than test views, covered pixels."""
+"""Chapters other than Table 1 also show all that was measured: every metric, training views, covered pixels."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def run(method: str, rows: Sequence[MetricRow], **settings: float) -> Run:
 
 
 def table(chapter: Chapter, caption: str) -> dict[tuple[str, ...], dict[str, str]]:
-    """What is written in a table, by the names of a line and the headings."""
+    """The texts of a table, by the names of a line and the headings."""
     [grid] = [grid for grid in chapter.grids if grid.caption == caption]
     return {
         line.names: dict(zip(grid.headings, (cell.text for cell in line.cells), strict=True)) for line in grid.lines
@@ -30,7 +30,7 @@ def table(chapter: Chapter, caption: str) -> dict[tuple[str, ...], dict[str, str
 
 
 def test_several_messages_are_shown_by_every_metric() -> None:
-    """Each message by itself, with its own legal views and covered pixels, and the training views as well."""
+    """Each message separately, with its own legal views and covered pixels, and on training views as well."""
     rows = scene_rows("fox", "gs_hider", messages=["reef", "library"])
     study = Study((run("gs_hider", rows), run("plain", rows)))
     chapter = several_messages(study, read_published())
@@ -50,7 +50,7 @@ def test_several_messages_are_shown_by_every_metric() -> None:
 
 
 def test_fewer_messages_come_first() -> None:
-    """Workflows train what takes longest first."""
+    """Whatever the order of the runs: workflows train what takes longest first."""
     names = ["reef", "library", "workshop"]
     runs = [run("gs_hider", scene_rows("fox", "gs_hider", messages=names[:count])) for count in (3, 1, 2)]
     listed = table(several_messages(Study(tuple(runs)), read_published()), "Several messages, test views: SSIM")
@@ -59,7 +59,7 @@ def test_fewer_messages_come_first() -> None:
 
 
 def test_a_message_by_itself_has_its_own_legal_views() -> None:
-    """And all messages together have those of all."""
+    """All messages together have the sum of theirs."""
     legal = {"reef": 1.0, "library": 0.0}
     rows = [MetricRow("legal", value, "", "0.png", "test", name, None, "gs_hider") for name, value in legal.items()]
     runs = [run("gs_hider", rows)]
@@ -70,7 +70,7 @@ def test_a_message_by_itself_has_its_own_legal_views() -> None:
 
 
 def test_an_image_is_shown_with_the_covers_training_views_and_every_metric() -> None:
-    """LPIPS where it was measured: of the cover on test views."""
+    """LPIPS was measured only for the cover on test views, and the table says so."""
     rows = image_rows("fox", "gs_hider", "boat")
     rows.append(MetricRow("ssim", 0.99, "", HIDING_VIEW, "train", "boat", None, "gs_hider"))
     chapter = single_image(Study((run("gs_hider", rows), run("plain", rows))), read_published())

@@ -1,4 +1,4 @@
-"""Without the weights of one network of LPIPS its columns say so, and the page names what to install."""
+"""If the weights of one LPIPS network are missing, its columns say so, and the page names what to install."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ LAYERS = [*picture_rows("gs_hider", 24.0), *picture_rows("gs_hider", 21.0, "reef
 
 
 def without(quantity: str, *runs: Run) -> Study:
-    """The runs as they are scored where a network has no weights."""
+    """The runs as scored where a network's weights are missing."""
     rows = [tuple(row for row in each.rows if row.quantity != quantity) for each in runs]
     return Study(
         tuple(Run(each.capture, each.method, each.settings, "0", own) for each, own in zip(runs, rows, strict=True))
@@ -68,7 +68,7 @@ def without(quantity: str, *runs: Run) -> Study:
 def test_a_column_says_that_it_was_not_measured(
     writer: Writer, runs: list[Run], caption: str, line: tuple[str, ...], column: str, quantity: str, label: str
 ) -> None:
-    """One that is left out reads as if nobody had thought of it."""
+    """Without the column, it would seem that nobody had thought of the metric."""
     chapter = writer(without(quantity, *runs), read_published())
     found = table(chapter, caption.format(label))
     assert found[tuple(name.format(label) for name in line)][column.format(label)] == "not measured"

@@ -1,4 +1,4 @@
-"""What pruning adds to an error tells a good picture's loss from a bad one's."""
+"""The error that pruning adds tells the loss of a good picture from that of a bad one."""
 
 from __future__ import annotations
 

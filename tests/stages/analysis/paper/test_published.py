@@ -1,4 +1,4 @@
-"""The paper's figures: each is in the paper, and where the paper contradicts itself is known."""
+"""The paper's figures: each is in the paper, and the paper's contradictions are known."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?")
 
 
 def test_averages_are_the_means_of_their_rows_but_for_four() -> None:
-    """To the last digit. A fifth would be a slip of the pen in the file; one fewer, a figure made to fit."""
+    """To the last digit. A fifth exception would be a typing error in the file; one fewer, a figure made to fit."""
     assert [(name, found, round(mean, 5)) for name, found, mean in wrong_averages(read_published())] == [
         ("Fidelity, gs_hider, message", 25.179, 25.17844),
         ("Single image, gs_hider, cover", 26.44, 26.43522),
@@ -73,7 +73,7 @@ def test_a_row_that_lacks_a_figure_is_refused() -> None:
 
 @pytest.mark.skipif(not PAPER.is_file(), reason="the paper is not in the project")
 def test_every_row_stands_in_the_paper_digit_by_digit() -> None:
-    """Each line of the file as a sequence of numbers that the paper prints one after the other."""
+    """The numbers of each line of the file are printed one after the other in the paper."""
     tex = re.sub(r"\\cellcolor\{\w+\}|\[1\.5pt\]", "", PAPER.read_text())
     lines = [NUMBER.findall(line) for line in tex.splitlines()]
     checked = 0
@@ -84,11 +84,11 @@ def test_every_row_stands_in_the_paper_digit_by_digit() -> None:
 
 
 def _sequences(text: str) -> Iterator[list[str]]:
-    """The numbers of each line of tables; a line of ablations or pruning is read as the paper orders its columns."""
+    """The numbers of each line of the file's tables; for a variant of a setting, without the setting's value."""
     for line in text[text.index("fidelity:") : text.index("# Not of the paper")].splitlines():
         numbers = [] if line.lstrip().startswith("#") else NUMBER.findall(line)
         if "value:" in line:
-            yield numbers[1:]  # which value it belongs to is checked below
+            yield numbers[1:]  # `test_variants_belong_to_their_values` checks which value it belongs to
         elif numbers:
             yield numbers
 

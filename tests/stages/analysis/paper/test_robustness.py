@@ -1,4 +1,4 @@
-"""The chapter of robustness: the paper's prunings beside ours, areas, gains, remedies, and which bars are met."""
+"""The chapter on robustness: the paper's prunings beside ours, areas, gains, remedies, and which bars are met."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ FOUND, REGISTERED = "as found", "after registration with the published container
 def rows(
     method: str, condition: str, severity: float | None, seed: int | None, cover: float, message: float
 ) -> Iterator[Measurement]:
-    """Figures with what cover and message lose."""
+    """Figures of cover and message after these losses, in dB."""
     before = BEFORE[method]
     for name, value in ((None, before[0] - cover), ("statue", before[1] - message)):
         for quantity, figure in (("psnr", value), ("ssim", value / 40)):
@@ -35,9 +35,9 @@ def rows(
 
 
 def experiment(capture: str, method: str) -> Experiment:
-    """Random pruning takes a little more of ours with each seed; unread directions kill ours and cost GS-Hider.
+    """Random pruning takes a little more of ours with each seed; unread directions cost the cover of GS-Hider only.
 
-    Permuted channels take more than there is, and the owner gets all of it back; what he makes of pruning is worse.
+    Permuted channels take more than there is, and registration restores nearly all; pruned messages it makes worse.
     """
     found = list(rows(method, UNATTACKED, None, None, 0, 0))
     found.append(Measurement(ONE_COLOUR, FLOOR, UNATTACKED, None, None, None, "test", "statue", method))
@@ -158,7 +158,7 @@ def test_bars(chapter: Chapter) -> None:
 def test_ours_may_be_under_gs_hider_by_the_spread_and_no_more(
     under: float, verdict: str, captures: tuple[str, ...]
 ) -> None:
-    """Of three seeds that differ by 0.1 dB; the average of two captures spreads less."""
+    """The spread is that of three seeds that differ by 0.1 dB; the average of two captures spreads less."""
 
     def weakened(method: str, extra: float, capture: str) -> Experiment:
         found = list(rows("gs_hider", UNATTACKED, None, None, 0, 0))
@@ -166,7 +166,7 @@ def test_ours_may_be_under_gs_hider_by_the_spread_and_no_more(
             found += rows("gs_hider", "random_pruning", 0.25, seed, 2.0, 4.0 + extra + 0.1 * (seed - 1))
         return Experiment(capture, method, "0", tuple(replace(row, method=method) for row in found), {})
 
-    # Of the whole area, what an attack costs at its end counts half: no message is lost for nothing.
+    # The area averages the loss from 0 at no cost to its end, so a loss at the end counts half.
     both = (("gs_hider", 0.0), ("homogeneous", 2 * under))
     compared = Study((), experiments=tuple(weakened(*each, capture) for capture in captures for each in both))
     relations = robustness(compared, read_published()).relations
@@ -220,7 +220,7 @@ def test_purification(chapter: Chapter) -> None:
 
 
 def test_what_a_floor_leaves_to_gain_is_said_and_gains_without_it_stand_beside() -> None:
-    """GS-Hider's message is killed by 20 dB on the fox, of which 11 count; on bonsai it had none to begin with."""
+    """On the fox, GS-Hider's message loses 20 dB, of which 11 count; on bonsai it starts below one colour."""
     killed = []
     for capture, floor in (("fox", FLOOR), ("bonsai", 24.5)):
         found = [*rows("gs_hider", UNATTACKED, None, None, 0, 0)]
@@ -278,7 +278,7 @@ def test_the_page_is_written_and_without_measurements_says_so(study: Study) -> N
 
 
 def test_a_message_that_reads_worse_than_one_colour_counts_as_one_before_attacks_too() -> None:
-    """Or a rigid motion, which changes nothing, would seem to leave more than there was."""
+    """Otherwise a rigid motion, which changes nothing, would seem to leave more than there was."""
     whole = experiment("fox", "sh")
     rows_above = [replace(row, value=22.5) if row.quantity == ONE_COLOUR else row for row in whole.rows]
     study = Study((), experiments=(replace(whole, rows=tuple(rows_above)),))

@@ -1,4 +1,4 @@
-"""The chapter on RTWS lays before and after beside the paper's, and its bars tell good decoders from bad ones."""
+"""The chapter on RTWS shows before and after beside the paper's figures; its bars tell good decoders from bad ones."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ CLEAN_RENDERS = "renders from before"
 
 
 def detection(variant: str, method: str, wrong: int) -> Experiment:
-    """Of 4,000 pictures without a watermark, `wrong` are taken for watermarked, all of them clean renders."""
+    """Under each condition, `wrong` of 4,000 pictures without a watermark are taken for watermarked."""
     shown = {RENDERS: (38.0, 3.0), CLEAN_RENDERS: (38.0, 3.0) if wrong else (3.0, 38.0)}
     rows = [Measurement(PSNR_WATERMARK, pair[0], condition) for condition, pair in shown.items()]
     rows += [Measurement(PSNR_BLACK, pair[1], condition) for condition, pair in shown.items()]
@@ -115,14 +115,14 @@ def test_a_good_psnr_does_not_hide_false_positives(chapter: Chapter) -> None:
 
 
 def test_every_distortion_and_the_codec_have_a_line(chapter: Chapter) -> None:
-    survival, codec = chapter.grids[2:]  # what was measured before there was a point of 99 % has no grid of it
+    survival, codec = chapter.grids[2:]  # no grid for 99 % detection, which was not measured
     assert len(survival.lines) == 1 + len(DISTORTIONS)
     assert {cell.text for line in survival.lines[1:] for cell in line.cells} == {"50.0 %"}
     assert [cell.text for cell in codec.lines[0].cells] == ["36.50", "33.50"]
 
 
 def test_the_bar_of_false_positives_holds_where_pictures_and_scenes_are_under_it() -> None:
-    """What was measured before there was a bound by scene at 99 % holds by picture alone."""
+    """Without a bound by scene at 99 % detection, the bar holds by picture only."""
     found = detection("paper", "gs_hider", 0)
     at_99 = [Measurement(THRESHOLD_AT_99, 0.99, CLEAN_CHANNEL)]
     at_99 += [Measurement(FALSE_POSITIVES_AT_99, 0, OTHER_SCENES), Measurement(BOUND_AT_99, 0.0005, OTHER_SCENES)]
@@ -138,7 +138,7 @@ def test_the_bar_of_false_positives_holds_where_pictures_and_scenes_are_under_it
         verdicts.append(line.cells[-1].text)
         [relation] = [each for each in page.chapters[0].relations if each.text == text]
         holding.append(relation.is_found)
-        for grid in page.chapters[0].grids:  # else figures.csv has two lines of one name, with different values
+        for grid in page.chapters[0].grids:  # else figures.csv has two lines with one name and different values
             assert len(set(grid.headings)) == len(grid.headings), grid.caption
     assert written == [("0.05", "by scene 0.09"), ("0.05", "by scene 2.10"), ("0.05", "by scene –")]
     assert verdicts == [
@@ -166,7 +166,7 @@ def test_a_decoder_that_is_surer_of_its_renders_than_of_anything_else_is_right_a
 
 
 def test_renders_that_the_threshold_of_99_percent_finds_are_held_to_the_bar() -> None:
-    """They are others than those that set it: it may find fewer."""
+    """Other renders set the threshold, so it may detect fewer of these."""
     found = detection("paper", "gs_hider", 0)
     at_99 = (Measurement(THRESHOLD_AT_99, 0.9986, CLEAN_CHANNEL), Measurement(DETECTED_AT_99, 0.97, CLEAN_CHANNEL))
     chapter = rtws(Study((), experiments=(replace(found, rows=(*found.rows, *at_99)),)), read_published())
@@ -221,7 +221,7 @@ def test_what_is_shown_to_the_last_bit_has_a_finite_mean() -> None:
 
 
 def test_what_is_taken_for_it_after_a_distortion_stands_beside_what_is_found() -> None:
-    """Counts of captures are added; where nothing of the kind was measured there is no column, or no figure."""
+    """Counts of captures are added; without such measurements there is no column, or no figure."""
     found = detection("paper", "gs_hider", 0)
     distorted = DISTORTIONS[0]
     counts = {NEGATIVES_DISTORTED: 300, FALSE_POSITIVES_DISTORTED: 6}

@@ -1,4 +1,4 @@
-"""Items become runs: which belong together, which are the same training, and what is unusual about them."""
+"""Items become runs: which belong together, which are the same training, and which settings are unusual."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_settings_are_what_is_unusual(tmp_path: Path) -> None:
 
 
 def test_runs_that_differ_in_a_number_alone_are_told_apart_by_it(tmp_path: Path) -> None:
-    """Such as a setting of a method of one's own, which no table knows. What tells nothing apart is not named."""
+    """Such as a custom method's setting, unknown to the tables. A setting that distinguishes no runs is not named."""
 
     def own(name: str, cover: float, **values: object) -> Item:
         rows = scene_rows("fox", "gs_hider", cover=cover, messages=("reef",))
@@ -81,7 +81,7 @@ def test_runs_that_differ_in_a_number_alone_are_told_apart_by_it(tmp_path: Path)
 
 
 def test_times_are_told_apart_by_what_tells_their_scores_apart(tmp_path: Path) -> None:
-    """Times name no message: that a training hides nothing must not be taken for a setting of its method there."""
+    """Times name no message; that nothing is hidden must not be taken for a setting of the method."""
     rows = {1: scene_rows("fox", "gs_hider", messages=("reef",)), 0: scene_rows("fox", "gs_hider", cover=1)}
     times = {1: 0.023, 0: 0.022}
     scores, timings = [], []
@@ -97,7 +97,7 @@ def test_times_are_told_apart_by_what_tells_their_scores_apart(tmp_path: Path) -
 
 
 def test_decoders_of_an_unusual_width_are_named(tmp_path: Path) -> None:
-    """What is usual depends on the method."""
+    """The usual width depends on the method."""
     wide = {"gs_hider": (64, 96), "homogeneous": (32, 64)}
     study = read(
         [
@@ -165,7 +165,7 @@ def test_times_take_the_method_of_their_item(tmp_path: Path) -> None:
 
 
 def test_our_own_weight_is_a_usual_setting_of_ours(tmp_path: Path) -> None:
-    """0.1, where the paper's is 0.5: said, or left to the method, it is the same run."""
+    """It is 0.1, and the paper's 0.5; stated or left to the method, the setting is the same."""
     stated = {"a": 0.1, "b": None, "c": 0.5}
     study = read(
         [
@@ -190,7 +190,7 @@ def test_our_own_weight_is_a_usual_setting_of_ours(tmp_path: Path) -> None:
 
 
 def test_runs_with_fewer_gaussians_are_not_averaged_with_the_others(tmp_path: Path) -> None:
-    """Plain 3DGS neither; the usual bound of a capture is the largest that is stated there."""
+    """The usual bound of a capture is the largest that is stated there."""
     bounds = {("fox", 60_000), ("fox", 15_000), ("bonsai", 150_000)}
     study = read(
         [
@@ -214,14 +214,14 @@ def test_runs_with_fewer_gaussians_are_not_averaged_with_the_others(tmp_path: Pa
 
 @pytest.mark.parametrize("setting", ["gaussians", "iterations"])
 def test_a_number_that_is_stated_as_text_is_a_setting(tmp_path: Path, setting: str) -> None:
-    """The setup names no usual one of these two."""
+    """The paper's setup has no usual value for these two."""
     rows = scene_rows("fox", "gs_hider", messages=("reef",))
     study = read([item(tmp_path, "a", rows, capture="fox", method="gs_hider", **{setting: "many"})])
     assert [run.settings for run in study.runs if run.method == "gs_hider"] == [((setting, "many"),)]
 
 
 def test_the_reference_without_a_message_has_the_usual_settings(tmp_path: Path) -> None:
-    """Plain 3DGS of fewer Gaussians has a line of its own, and nothing is compared with it."""
+    """Plain 3DGS with fewer Gaussians is not the reference."""
     items = [
         item(
             tmp_path,
@@ -252,7 +252,7 @@ def test_experiments_go_together_where_they_differ_in_capture_and_seed_alone() -
 
 
 def test_legal_views_are_those_of_every_message_and_of_one_seed(tmp_path: Path) -> None:
-    """One of two messages is trained with two seeds: which views are legal no seed changes."""
+    """One of two messages is trained with two seeds, which do not change which views are legal."""
     rows = {}
     for name, flags in (("reef", (1.0, 1.0)), ("library", (1.0, 0.0))):
         rows[name] = [

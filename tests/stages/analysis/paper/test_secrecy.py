@@ -1,4 +1,4 @@
-"""The chapter on secrecy: what attackers show beside what the owner sees, verdicts that can fail, and plain words."""
+"""The chapter on secrecy: what attackers see beside what the owner sees, verdicts that can fail, and plain words."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def reading(
 
 
 def rows_of(feature_dim: int, leaks: float) -> list[Measurement]:
-    """A surrogate learns `leaks` dB over one colour from a fifth of the views, and half as much from one."""
+    """A surrogate exceeds one colour by `leaks` dB with a fifth of the views, by half as much with a single one."""
     rows = reading(OWNER, OWNERS, 0.95) + reading(COVER_ITSELF, 9.0, 0.3)
     for seed in range(3):
         rows += reading(RANDOM, 6.0 + seed, 0.3, seed=seed) + reading(OTHER_START, 8.0, 0.3, seed=seed)
@@ -169,7 +169,7 @@ def test_verdicts_can_fail(made: dict[str, Artifact]) -> None:
 
 @pytest.mark.parametrize(("apart", "verdict"), [(0.3, "holds"), (0.1, "holds, within noise")])
 def test_noise_of_small_features_is_that_of_surrogates_alone(tmp_path: Path, apart: float, verdict: str) -> None:
-    """Three seeds each, a tenth of a decibel from one to the next: two means of them differ by 0.08 dB of noise."""
+    """Three seeds each, a tenth of a decibel apart: the noise of the difference of two such means is 0.08 dB."""
     items = (
         item(tmp_path, "gs_hider", 32, rows_of(32, 2.0)),
         item(tmp_path, "gs_hider", 8, rows_of(8, 2.0 + apart)),
@@ -191,7 +191,7 @@ def test_what_is_not_secure_is_said_in_words(made: dict[str, Artifact]) -> None:
 
 
 def test_of_surrogates_the_one_that_shows_most_is_judged(tmp_path: Path) -> None:
-    """Whoever has views paints them where a decoder would learn less."""
+    """An attacker with leaked views paints with them if a decoder would learn less."""
     rows = rows_of(8, 2.0)
     for seed in range(3):
         rows += reading(PAINTED, FLOOR + 7.0, 0.9, 0.2, seed)
@@ -230,7 +230,7 @@ def test_captures_count_alike_however_many_views_they_have(tmp_path: Path) -> No
 
 
 def test_the_noise_of_one_run_does_not_shrink_with_more_captures(tmp_path: Path) -> None:
-    """Seeds are drawn anew for each capture: what pools them first would halve it twice."""
+    """Each capture has seeds of its own; averaging over captures before taking deviations would halve it twice."""
     captures = ("fox", "bonsai", "kitchen", "garden")
     shaken = []
     for number, capture in enumerate(captures):
@@ -247,7 +247,7 @@ def test_the_noise_of_one_run_does_not_shrink_with_more_captures(tmp_path: Path)
 
 
 def test_the_reading_that_is_farthest_beyond_chance_is_told_of(tmp_path: Path) -> None:
-    """It shows less in decibels than another, which is no more related than chance."""
+    """It has fewer decibels than another reading, whose correlation is that of chance."""
     rows = reading(OWNER, OWNERS, 0.95) + reading(COVER_ITSELF, 9.0, 0.3)
     rows += reading(BLIND.format(CHANNELS), 12.0, 0.32, 0.0) + reading(BLIND.format(IGNORED), 11.5, 0.8, 0.0)
     text = markdown(compared(tmp_path, item(tmp_path, "gs_hider", 16, rows)))

@@ -1,4 +1,4 @@
-"""What is said of an image hidden at one view is as sure as its own figure is, from one seed to the next."""
+"""Verdicts on an image hidden in one view are as sure as the figure they are about, judged by its spread over seeds."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ THERE, ELSEWHERE, TEST = "2.png", "1.png", "0.png"
 
 
 def run(seed: int, method: str, there: float, test: float, image: float) -> Run:
-    """The cover at the view that hides the image and at test views, and the image; elsewhere the cover has 30 dB."""
+    """PSNR of the cover in the view that hides the image and in a test view (elsewhere 30 dB), and of the image."""
     covers = ((THERE, "train", there), (ELSEWHERE, "train", 30.0), (TEST, "test", test))
     rows = [MetricRow("psnr", value, "dB", view, split, None, None, method) for view, split, value in covers]
     rows.append(MetricRow("psnr", image, "dB", THERE, "train", "boat", None, method))
@@ -37,7 +37,7 @@ def relations(hider: Sequence[Figures], decoder: Sequence[Figures]) -> list[Rela
 
 
 def test_a_loss_at_the_view_that_hides_is_as_sure_as_that_loss_is() -> None:
-    """Test views that hardly differ from seed to seed do not make it any surer."""
+    """Test views that hardly differ between seeds do not make it surer."""
     steady = [(32.0, 30.0, 44.0), (32.0, 30.01, 44.0), (32.0, 30.02, 44.0)]
     for spread, verdict in ((4.0, "holds, within noise"), (0.1, "holds")):
         shaken = [(29.5 + offset, 29.9 + offset / 1000, 34.0) for offset in (0.0, spread, -spread)]

@@ -1,4 +1,4 @@
-"""Every page ends with the artifacts that its figures come from, and the public one tells no private name by them."""
+"""Every page ends with the artifacts its figures come from, and the public page reveals no private name there."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MESSAGE = "Zebraquartz"
 
 
 def detected(folder: Path) -> Item:
-    """A detector's measurements, by a stage with a name of the workflow's own."""
+    """A detector's measurements, from a stage that the workflow itself named."""
     with create(folder / "detected", "measurements", private=True) as writer:
         write_measurements(writer, [Measurement(name, 0.5, HIDDEN, method="gs_hider") for name in (*DETECTORS, FUSION)])
     name = f"own_detector[fox,{MESSAGE}]"
@@ -61,7 +61,7 @@ def made(items: dict[str, tuple[Item, ...]], tmp_path_factory: pytest.TempPathFa
 
 
 def section(artifact: Artifact) -> tuple[list[tuple[str, ...]], str]:
-    """The lines of the table at the end of the Markdown page, and what stands under it."""
+    """The lines of the table at the end of the Markdown page, and the note below it."""
     text = artifact.file("tables.md").read_text(encoding="utf-8").replace("\\", "")
     _, table, note = text[text.index(f"## {TITLE}") :].strip().split("\n\n")[1:]
     return [tuple(cell.strip() for cell in line.strip("|").split(" | ")) for line in table.splitlines()[2:]], note
@@ -72,7 +72,7 @@ def digests(items: tuple[Item, ...]) -> list[str]:
 
 
 def test_the_owners_page_names_every_artifact(items: dict[str, tuple[Item, ...]], made: dict[str, Artifact]) -> None:
-    """Each as the workflow calls it, what failed not at all, and how to look at it; on the HTML page folded."""
+    """Each under its name in the workflow, without failed ones, and how to show it; folded on the HTML page."""
     expected = [
         (item.stage, item.artifact.digest[:12])
         for name in ("scores", "timings", "experiments")
@@ -94,7 +94,7 @@ def test_the_owners_page_names_every_artifact(items: dict[str, tuple[Item, ...]]
 
 
 def test_a_page_names_the_stages_of_its_own_workflow(made: dict[str, Artifact]) -> None:
-    """And not those that a file of figures was once put together by."""
+    """And not those of another workflow."""
     text = made["owner"].file("tables.md").read_text(encoding="utf-8").replace("\\", "")
     assert "score of every picture: see the measurements of own_detector." in text
 
@@ -102,7 +102,7 @@ def test_a_page_names_the_stages_of_its_own_workflow(made: dict[str, Artifact]) 
 def test_the_public_page_names_public_artifacts_by_its_own_words(
     items: dict[str, tuple[Item, ...]], made: dict[str, Artifact]
 ) -> None:
-    """A name in the workflow may be that of a message, and a digest of what is private is nobody's affair."""
+    """A stage's name may contain that of a message, and digests of private artifacts concern nobody else."""
     lines, note = section(made["public"])
     scores, [times] = digests(items["public_scores"]), digests(items["timings"])
     assert lines == [

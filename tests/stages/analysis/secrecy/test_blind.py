@@ -1,4 +1,4 @@
-"""A blind reading finds what a scene decoder does not heed, and knows nothing where there is nothing to find."""
+"""A blind reading finds what the scene decoder does not read, and nothing where nothing is hidden."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def mixture() -> torch.Tensor:
 
 @pytest.fixture
 def public(mixture: torch.Tensor) -> GSHider:
-    """A scene decoder that shows the cover's three directions and heeds nothing else."""
+    """A scene decoder that shows the cover's three directions and reads nothing else."""
     method = build({"feature_dim": M, "layers": 2, "decoder_width": 4, "kernel_size": 3, "precision": "float32"})
     with torch.no_grad():
         for weights in method.scene_decoder.parameters():

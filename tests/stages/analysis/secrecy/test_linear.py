@@ -1,4 +1,4 @@
-"""Sums over views are those over all their pixels, and hold the neighbourhoods of no more views than one or two."""
+"""Sums over views are sums over all their pixels, with the neighbourhoods of at most two views in memory."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_sums_are_those_over_all_pixels() -> None:
 
 @pytest.mark.parametrize("module", [blind, linear_surrogate], ids=["unexplained", "surrogate"])
 def test_neighbourhoods_are_held_of_one_view_or_two(module: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A gigabyte each at the paper's size."""
+    """At the paper's size, those of one view take a gigabyte."""
     observed = views(torch.eye(6), 5)
     held: list[weakref.ref[torch.Tensor]] = []
     most = 0

@@ -1,4 +1,4 @@
-"""What can be recognised is measured whatever its colours, beside a control that knows nothing of the view."""
+"""Whether a message can be recognised is measured regardless of colours, beside a control: other views."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_a_negative_is_recognised_and_has_no_decibels() -> None:
 
 
 def test_true_colours_are_those_of_the_covered_pixels() -> None:
-    """What a reading shows where there is no message is neither fitted nor measured."""
+    """Pixels without a message are neither fitted nor measured."""
     [seen] = views(OPENLY, 1)
     coverage, negative = seen.coverage.clone(), 1 - seen.truths
     coverage[:, :, 10:] = 0.49
@@ -46,7 +46,7 @@ def test_true_colours_are_those_of_the_covered_pixels() -> None:
 
 
 def test_what_lies_outside_the_range_of_a_screen_can_be_recognised() -> None:
-    """As it is, what is brighter than white is white; stretched, nothing of it is lost."""
+    """As is, all that is brighter than white counts as white; with fitted colours, none of it is lost."""
     observed = views(OPENLY, 2)
     readings = [20 * seen.truths - 9 for seen in observed]
     found, clamped = (figures(each, observed) for each in (readings, [reading.clamp(0, 1) for reading in readings]))

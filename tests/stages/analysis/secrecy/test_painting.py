@@ -1,4 +1,4 @@
-"""Views that leaked are painted onto Gaussians, of which some are the message's and some hang before it as fog."""
+"""Leaked views are painted onto Gaussians; some belong to the message, others are fog in front of it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DIVIDED = 0.03
 
 
 class Told:
-    """All that is not the cover's has no share of it; the last Gaussian is the cover's."""
+    """Only the last Gaussian belongs to the cover; the others have no share of it."""
 
     def cover_shares(self, gaussians: Gaussians) -> torch.Tensor:
         return (torch.arange(len(gaussians)) == len(gaussians) - 1).float()
@@ -48,7 +48,7 @@ def observed() -> list[Observed]:
 
 
 def test_other_views_are_painted_as_the_owner_would_see_them() -> None:
-    """Divided by shares that are learnt: blended over black, fog before the message would leave it dark."""
+    """Colours are divided by learnt shares; merely blended over black, the fog would darken the message."""
     gaussians, _, _ = container()
     views = observed()
     seen, hidden = views[:-1], views[-1:]

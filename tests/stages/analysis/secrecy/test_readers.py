@@ -1,4 +1,4 @@
-"""Wrong decoders are drawn from seeds alone, start as the method does, and read squares as they read whole views."""
+"""Wrong decoders follow from seeds alone, start as the method does, and read squares as they read whole views."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_a_seed_gives_one_decoder_and_leaves_torch_alone(method: str) -> None:
 
 @pytest.mark.parametrize("method", SETTINGS)
 def test_a_random_decoder_reads_something(method: str) -> None:
-    """One that reads nothing at all would be no test: ours has directions that are zeros until its start."""
+    """One that reads nothing would be no test; our method's directions are zeros until its start."""
     shown = read(seeded_reader(public(method), 1, 3), OBSERVED[0]).detach()
     assert shown.shape == (1, HEIGHT, WIDTH, 3)
     inside = shown[:, 4:-4, 4:-4]
@@ -88,7 +88,7 @@ def test_a_method_that_starts_at_random_has_no_start() -> None:
 
 @pytest.mark.parametrize("method", SETTINGS)
 def test_a_square_is_read_as_a_part_of_its_view(method: str) -> None:
-    """Directions of view and all: only near the square's border do convolutions see zeros instead."""
+    """View directions included; only near the square's border do convolutions see zeros instead."""
     reader = seeded_reader(public(method), 1, 1)
     row, column, side = 5, 3, 12
     margin = pixels_beyond(reader)

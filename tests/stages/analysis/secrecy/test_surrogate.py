@@ -1,4 +1,4 @@
-"""A surrogate learns what is there to learn from views that leaked, and from no others."""
+"""A surrogate learns what the leaked views can teach, and uses no others."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ def test_it_learns_what_lies_in_the_features() -> None:
     with torch.no_grad():
         shown = [read(reader, each) for each in unseen]
     assert mean(shown, unseen) > mean(shown, unseen, "psnr_constant") + 5
-    assert mean(linear_surrogate(seen, unseen), unseen) > 40  # they are a linear map of it
+    assert mean(linear_surrogate(seen, unseen), unseen) > 40  # the features are a linear map of the message
 
 
 def test_squares_have_what_lies_around_them() -> None:
-    """A reader that is exact in whole pictures is exact in every square: zeros around one would make it err there."""
+    """A reader that is exact on whole pictures stays exact on squares; zeros around a square would cause errors."""
     seen = views(MIXTURE, 1)
     reader = seeded_reader(PUBLIC, 1, 0)
     with torch.no_grad():

@@ -1,4 +1,4 @@
-"""StegExpose's detectors written down as they are defined, pixel by pixel: slow, and the same for every reader."""
+"""StegExpose's detectors literally as defined, pixel by pixel: slow, but unambiguous."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def sorted_pairs(pairs: Iterator[tuple[int, int]], within: Callable[[int, int], 
             y += 1
             w += within(u, v)
         if u != v and u // 2 == v // 2:
-            assert (v % 2 == 0 and u > v) or (v % 2 == 1 and u < v)  # so that W is within Y
+            assert (v % 2 == 0 and u > v) or (v % 2 == 1 and u < v)  # so W is a subset of Y
     return (w + z) / 2, 2 * x - p, y - x
 
 

@@ -1,4 +1,4 @@
-"""StegExpose's detectors: the original's own figures, and the definitions on small pictures of every kind."""
+"""StegExpose's detectors agree with the original's figures, and with the definitions on all kinds of small pictures."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_the_figures_are_the_originals() -> None:
 
 @st.composite
 def pictures(draw: st.DrawFn) -> np.ndarray:
-    """Pictures of any small size: noise of few or all values, slopes with a disturbed lowest bit, one colour."""
+    """Pictures of any small size: noise of one, few or all values, slopes with or without noise in the lowest bit."""
     height, width = draw(st.integers(1, 9)), draw(st.integers(1, 9))
     generator = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     low = draw(st.integers(0, 255))
@@ -99,7 +99,7 @@ def test_values_are_shares_and_nothing_is_said_aloud(picture: np.ndarray) -> Non
 
 
 def test_a_message_in_the_lowest_bits_is_found() -> None:
-    """A photo-like picture, and the same with random lowest bits: the longest message there can be."""
+    """A photo-like picture, without and with random lowest bits, which are the longest possible message."""
     generator = np.random.default_rng(0)
     rows, columns = np.mgrid[0:256, 0:256]
     smooth = 120 + 60 * np.sin(rows / 17) + 50 * np.cos(columns / 23)
