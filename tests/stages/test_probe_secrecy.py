@@ -35,13 +35,16 @@ from stages.probe_secrecy import ProbeSecrecyParameters, probe_secrecy
 from tests.stages.small import message_views, scene
 from tests.stages.test_probe_decoder import SETTINGS, dotted_message
 
+STEADY = {**SETTINGS, "iterations": 200, "lambda_message": 8.0}
+"""Rounding hardly matters to this training: with λ larger by a hundred-thousandth, the owner's figure moves by 0.2 dB.
+With `SETTINGS` it moves by 2 dB, and so would differ from processor to processor."""
 SMALL = {"wrong_decoders": 2, "steps": 150, "shares": (0.0, 0.2, 1.0), "seeds": (0,), "crop": 16, "rate": 1e-2}
 
 
 def inputs(tmp_path: Path, method: str, **settings: object) -> dict[str, Artifact | tuple[Artifact, ...]]:
     cover = scene(tmp_path / "cover")
     views = dotted_message(tmp_path / "views", cover)
-    parameters = HideScenesParameters.model_validate({**SETTINGS, "method": method, **settings})
+    parameters = HideScenesParameters.model_validate({**STEADY, "method": method, **settings})
     made = run_stage(hide_scenes, parameters, {"cover": cover, "messages": (views,)}, tmp_path / "made")
     return {"container": made["container"], "secret": made["secret"], "cover": cover, "messages": (views,)}
 
