@@ -1,4 +1,4 @@
-"""The command line: `python -m pipeline run | status | explain | accept | graph | show | export | verify | gc | pin`.
+"""The command line: `python -m pipeline run | status | explain | accept | graph | stages | show | export | verify | …`.
 
 Each command imports what it needs only when it is called. So help and shell completion, for which a person waits, load
 neither the engine nor any numeric library.
@@ -19,6 +19,7 @@ import typer
 
 from pipeline.console.bash_words import whole_words
 from pipeline.console.commands_results import export, show
+from pipeline.console.commands_stages import stages
 from pipeline.console.commands_store import gc, pin, pins, unpin, verify
 from pipeline.console.console import (
     Json,
@@ -60,6 +61,7 @@ app = typer.Typer(
     python -m pipeline run workflows/hide_multi.yaml                  run it, or the part that is missing
     python -m pipeline status workflows/hide_multi.yaml               what is done, and what would run
     python -m pipeline explain workflows/hide_multi.yaml hide         why a stage would run
+    python -m pipeline stages hide_scenes                             what a stage takes and makes; its parameters
     python -m pipeline show hide_multi/sealed.container               what came out, and how it was made
     python -m pipeline show hide_multi/cover.scene --pictures seen    its pictures as PNG files
     python -m pipeline gc --dry-run                                   what is no longer needed
@@ -382,5 +384,5 @@ def _made_ready(make: Callable[[], Executor], graph: Graph, store: Store, here: 
     return make()
 
 
-for command in (show, export, verify, gc, pin, unpin, pins):
+for command in (stages, show, export, verify, gc, pin, unpin, pins):
     app.command()(command)

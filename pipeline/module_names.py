@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from pydantic import GetCoreSchemaHandler
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
-from pipeline.package_modules import modules_in
+from pipeline.package_modules import folders_of, modules_in
 
 
 @dataclass(frozen=True)
@@ -25,9 +23,7 @@ class ModuleIn:
 
     def names(self) -> list[str]:
         """All these names, sorted. Raises ModuleNotFoundError if the package's parent does not exist."""
-        found = importlib.util.find_spec(self.package)
-        folders = (found.submodule_search_locations if found else None) or []
-        return sorted({name for folder in folders for name in modules_in(Path(folder))})
+        return sorted({name for folder in folders_of(self.package) for name in modules_in(folder)})
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         return core_schema.no_info_after_validator_function(self._checked, handler(source))

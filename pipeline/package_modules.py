@@ -1,8 +1,22 @@
-"""The modules of a package, read from its folder: nothing is imported."""
+"""The modules of a package, read from its folders: the package itself is not imported."""
 
 from __future__ import annotations
 
+import importlib.util
 from pathlib import Path
+
+
+def folders_of(package: str) -> tuple[Path, ...]:
+    """Where a package lies; empty if there is none of that name.
+
+    Raises ModuleNotFoundError if a package above it does not exist: those are imported.
+    """
+    try:
+        specification = importlib.util.find_spec(package)
+    except ValueError:  # a module put into sys.modules by hand
+        return ()
+    found = specification.submodule_search_locations if specification else None
+    return tuple(map(Path, found or ()))
 
 
 def modules_in(folder: Path) -> list[str]:

@@ -18,7 +18,6 @@ are safe, since Python cannot run code of a module that nobody imports, and as p
 from __future__ import annotations
 
 import ast
-import importlib.util
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -27,6 +26,7 @@ from pathlib import Path
 
 from pipeline.canonical import digest_of
 from pipeline.errors import UserError
+from pipeline.package_modules import folders_of
 
 ENGINE = "pipeline"
 DYNAMIC = ("import_module", "__import__", "run_module", "run_path", "spec_from_file_location")
@@ -70,7 +70,7 @@ class SourceTree:
     """The sources of the first-party packages. Each file is read once, by `read`; nothing is imported for that."""
 
     def __init__(self, packages: Iterable[str], read: Callable[[str, Path], Module] | None = None) -> None:
-        self._folders = {package: _folders_of(package) for package in packages if package != ENGINE}
+        self._folders = {package: folders_of(package) for package in packages if package != ENGINE}
         self._read = read or read_module
         self._modules: dict[str, Module | None] = {}
 
@@ -121,16 +121,6 @@ class SourceTree:
                 if path.is_file():
                     return path
         return None
-
-
-def _folders_of(package: str) -> tuple[Path, ...]:
-    try:
-        specification = importlib.util.find_spec(package)
-    except ValueError:  # a module put into sys.modules by hand
-        specification = None
-    if specification is None or specification.submodule_search_locations is None:
-        return ()
-    return tuple(Path(folder) for folder in specification.submodule_search_locations)
 
 
 def read_module(name: str, path: Path, read: Callable[[Path], bytes] = Path.read_bytes) -> Module:

@@ -15,6 +15,7 @@ from typing import Any
 import typer
 
 from pipeline.code.declared_parameters import declared_parameters
+from pipeline.package_modules import folders_of, modules_in
 
 Completer = Callable[[typer.Context, list[str], str], list[str]]
 DEFAULT_STORE = "store"
@@ -90,6 +91,12 @@ def _settings_of_vars(document: Mapping[str, Any], package: str, incomplete: str
     values = _values_of_var(name, document["stages"], package) if equals else []
     settings = [f"{var}={_shown(value)}" for var, value in document.get("vars", {}).items()]
     return [f"{name}={value}" for value in values] or [*settings, *(f"{stage}." for stage in document["stages"])]
+
+
+@_silent
+def complete_uses(ctx: typer.Context, args: list[str], incomplete: str) -> list[str]:
+    """The stages that a workflow can use."""
+    return [name for folder in folders_of(_package(ctx)) for name in modules_in(folder)]
 
 
 @_silent

@@ -55,7 +55,7 @@ def offered(line: str) -> list[str]:
 
 
 def test_commands() -> None:
-    assert offered("s") == ["status", "show"]
+    assert offered("s") == ["status", "stages", "show"]
     assert "--keep-last" in offered("gc --")
 
 
@@ -70,6 +70,12 @@ def test_stages(here: Workspace) -> None:
     assert offered("run workflow.yaml ") == ["base", "twice", "other", "sum"]
     assert offered("explain workflow.yaml t") == ["twice"]
     assert offered("pin workflow.yaml su") == ["sum"]
+
+
+def test_stages_that_a_workflow_can_use() -> None:
+    assert offered("stages hide_") == ["hide_image", "hide_scenes"]
+    assert offered(f"stages --stages {TOYS} sc") == ["scale"]
+    assert offered("stages --stages no.such sc") == []
 
 
 def test_settings(here: Workspace) -> None:
