@@ -1,8 +1,8 @@
-"""What holds for all tests: Hypothesis draws the same examples on every run, Ctrl-C interrupts, and the CPU is tested.
+"""Setup of all tests: Hypothesis draws the same examples on every run, Ctrl-C interrupts, and the CPU is tested.
 
-What is green stays green until the code changes.
+A test that passes therefore keeps passing until the code changes.
 
-To search for new ones: `pytest --hypothesis-profile=search tests/opencl/test_poison.py`.
+To search for new examples: `pytest --hypothesis-profile=search tests/opencl/test_poison.py`.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ settings.register_profile("repeatable", derandomize=True)
 settings.register_profile("search", derandomize=False)
 settings.load_profile("repeatable")
 
-# Whoever starts the tests in the background of a script has them ignore SIGINT, and all that they start in turn.
+# Tests that a script starts in the background would ignore SIGINT, and so would all processes that they start.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# A machine's NVIDIA GPU has checks of its own (tests.benchmarks.nvidia); runs that tests start would ask for it.
+# Runs that tests start would ask for the machine's NVIDIA GPU, which has its own checks (tests.benchmarks.nvidia).
 os.environ.setdefault("CUDA_VISIBLE_DEVICES", "")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Whole workflows first: of files that take minutes, the last ones would leave all workers but one without work."""
+    """Run whole workflows first: if files that take minutes came last, all workers but one would be idle."""
     items.sort(key=lambda item: "workflows" not in item.path.parts)

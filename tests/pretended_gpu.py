@@ -1,12 +1,11 @@
-"""A GPU that is only pretended: whether code keeps its tensors on one device can be tried where there is none.
+"""A fake GPU, to test without a real one whether code keeps its tensors on one device.
 
-A pretended tensor holds one of the CPU's, and every operation of torch is done on that. But torch takes it for one of a
-device of its own kind, and what would fail on CUDA fails here: operations that mix it with tensors of the CPU, and
-reading it as a NumPy array. What CUDA allows is allowed: copies from device to device, single numbers of the CPU, and
-its integers as indices.
+A fake tensor holds a CPU tensor, on which every operation of torch is done. But torch takes it for a tensor of another
+device, and what would fail on CUDA fails here: operations that mix it with CPU tensors, and reading it as a NumPy
+array. What CUDA allows is allowed: copies between devices, single numbers on the CPU, and CPU tensors as indices.
 
-torch knows of the device ever after, and may ask it for more than this. So `pretend_gpu` is for processes of their own,
-before anything else is done in them.
+torch then knows the device until the process ends, and may ask it for more than this. So call `pretend_gpu` only in a
+process of its own, before anything else.
 """
 
 from __future__ import annotations
@@ -25,17 +24,17 @@ NAME = "pretended"
 COPIES = {"aten::_to_copy", "aten::copy_"}
 INDEXING = {"aten::index", "aten::index_put", "aten::index_put_", "aten::_index_put_impl_"}
 FUSED = "aten::_fused_"
-"""Operations that want even single numbers on the device: fused Adam its counts of steps."""
+"""Operations that need even single numbers on the device: fused Adam, for example, its step counts."""
 
 available = hasattr(backend_registration, "_setup_privateuseone_for_python_backend")
-"""Whether this torch can be told of a device that is written in Python."""
+"""Whether this version of torch supports devices written in Python."""
 
 
 def pretend_gpu() -> torch.device:
-    """Make the device known to torch, once in a process."""
+    """Register the device with torch. Call this once per process."""
 
     class Module(backend_registration._DummyBackendModule):
-        """What torch asks of a device beside tensors; numbers are drawn on the CPU."""
+        """What torch asks of a device besides tensors. Random numbers are drawn on the CPU."""
 
         def get_amp_supported_dtype(self) -> list[torch.dtype]:
             return [torch.bfloat16]
@@ -53,7 +52,7 @@ def pretend_gpu() -> torch.device:
 
 
 _kernels = torch.library.Library("aten", "IMPL")
-"""Of the two operations that torch does behind Python's back, where it makes a tensor of Python's numbers."""
+"""Kernels of the two operations that do not reach Python otherwise, when torch makes a tensor of Python numbers."""
 
 
 def _empty_strided(size: list[int], stride: list[int], *, dtype: torch.dtype, **_: Any) -> Tensor:
@@ -66,7 +65,7 @@ def _copy(target: PretendedTensor, source: Tensor, non_blocking: bool = False) -
 
 
 class PretendedTensor(Tensor):
-    """Says that it is on the pretended device; what it holds is in `held`."""
+    """A tensor that claims to be on the fake device; its contents are in `held`."""
 
     held: Tensor
 
@@ -83,7 +82,7 @@ class PretendedTensor(Tensor):
 
 
 class Pretending(TorchDispatchMode):
-    """Sees what no argument tells of: tensors that are made on the device. Keeps the names of operations, by where."""
+    """Also handles operations without fake arguments, which create tensors; records the operations of each device."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -99,13 +98,13 @@ class Pretending(TorchDispatchMode):
 
 @contextmanager
 def pretending() -> Iterator[Pretending]:
-    """Inside, tensors can be made on the device and moved there."""
+    """A context in which tensors can be created on the device and moved to it."""
     with Pretending() as mode:
         yield mode
 
 
 def _done(operation: Any, args: Any, kwargs: dict[str, Any]) -> Any:
-    """The operation's results, on the device that it was told, or else on that of its tensors."""
+    """The operation's results, on the device named in its arguments, or otherwise on that of its tensors."""
     tensors = [leaf for leaf in tree_leaves((args, kwargs)) if isinstance(leaf, Tensor)]
     on_device = any(isinstance(tensor, PretendedTensor) for tensor in tensors)
     if on_device:

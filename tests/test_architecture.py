@@ -1,6 +1,6 @@
-"""The house: each file imports only from the floors below its own, so there are no circles.
+"""Files are arranged in floors: each imports only from the floors below its own, so there are no circles.
 
-What is on no floor here is reported too: a new file is given its place when it is made.
+A file that is on no floor here is reported as well: a new file must be given its place.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def sources(package: str) -> Iterator[tuple[str, Path]]:
 
 
 def imports(name: str, path: Path) -> set[str]:
-    """First-party modules that a file imports anywhere; for `from a import b` the module of the two that exists."""
+    """First-party modules that a file imports anywhere; for `from a import b`, a.b if it is a module, otherwise a."""
     found: set[str] = set()
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
     for node in ast.walk(ast.parse(path.read_text())):
@@ -134,7 +134,7 @@ def test_there_are_no_circles(package: str) -> None:
 
 @pytest.mark.parametrize("package", ["pipeline", "opencl", "stages"])
 def test_packages_are_thin(package: str) -> None:
-    """A package that imports would be part of the fingerprint of everything under it."""
+    """Code in a package's `__init__.py` would be part of the fingerprint of everything in the package."""
     for name, path in sources(package):
         if path.name == "__init__.py":
             body = ast.parse(path.read_text()).body

@@ -1,4 +1,4 @@
-"""What make hands on to the commands that it calls."""
+"""What make passes to the commands that it calls."""
 
 from __future__ import annotations
 

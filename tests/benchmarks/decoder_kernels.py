@@ -1,9 +1,10 @@
-"""The decoders' kernels on the CPU, and those beside them, beside torch's own, in interleaved repeats on one core.
+"""Times our CPU kernels for decoders and for the separation penalty against torch's own operations, on one core.
 
     POCL_MAX_PTHREAD_COUNT=1 python -m tests.benchmarks.decoder_kernels [--height 200] [--width 112]
 
-Prints milliseconds, the least of some repeats, and their ratio. `ONEDNN_MAX_CPU_ISA=AVX2 ATEN_CPU_CAPABILITY=avx2`
-before it holds torch, and torch alone, to what processors without AVX-512 have.
+Prints the minimum milliseconds over interleaved repeats, and their ratio.
+`ONEDNN_MAX_CPU_ISA=AVX2 ATEN_CPU_CAPABILITY=avx2` before the command restricts torch, and only torch, to what
+processors without AVX-512 have.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from tests.opencl import test_separation
 
 REPEATS = 15
 CHANNELS = [(64, 64), (16, 64), (32, 32), (96, 96)]
-"""In and out: GS-Hider's inner convolutions and its first, those of a decoder half as wide, and of a wider one."""
+"""(In, out) of GS-Hider's inner convolutions and of its first, of a decoder half as wide, and of a wider one."""
 LAYERS = (16, 32, 32, 32, 32, 3)
 """Channels of the input and of each layer of our decoder."""
 GAUSSIANS = (60_000, 150_000)
@@ -33,7 +34,7 @@ Step = Callable[[], object]
 
 
 def milliseconds(steps: dict[str, Step]) -> dict[str, float]:
-    """The least time of each step."""
+    """The minimum time of each step."""
     least = dict.fromkeys(steps, float("inf"))
     for repeat in range(REPEATS + 2):
         for name, step in steps.items():
@@ -51,7 +52,7 @@ def compare(title: str, ours: Step, torchs: Step) -> None:
 
 
 def compare_convolutions(channels: int, outputs: int, height: int, width: int) -> None:
-    """Forward, and backward for the input and for the weights."""
+    """Time the forward pass, and the backward pass for the input and for the weights."""
     values = torch.randn(1, channels, height, width).to(memory_format=torch.channels_last)
     weight = (torch.randn(outputs, channels, 3, 3) / 24).to(memory_format=torch.channels_last)
     bias = torch.randn(outputs)
@@ -74,7 +75,7 @@ def compare_convolutions(channels: int, outputs: int, height: int, width: int) -
 
 
 def compare_decoders(height: int, width: int) -> None:
-    """Forward and backward of one decoder."""
+    """Time forward and backward together, for one decoder."""
     picture = torch.rand(height, width, LAYERS[0], requires_grad=True)
     layers = list(pairwise(LAYERS))
     weights = [(torch.randn(out, into) / into**0.5).requires_grad_() for into, out in layers]
@@ -94,7 +95,7 @@ def compare_decoders(height: int, width: int) -> None:
 
 
 def compare_separations(count: int) -> None:
-    """Forward and backward of what keeps two pictures apart."""
+    """Time forward and backward together, for the separation penalty of two pictures."""
     features = torch.randn(count, 16, requires_grad=True)
     directions, readings = torch.linalg.qr(torch.randn(16, 16))[0].split([2, 14])
     readings = readings.reshape(2, 7, 16).clone().requires_grad_()

@@ -1,12 +1,12 @@
-"""What a coarser precision of the decoders costs in quality: the same hiding in float32 and in that, seed by seed.
+"""Measures what a lower precision of the decoders costs in quality: the same hiding in float32 and in that, per seed.
 
     python -m tests.benchmarks.decoder_precision COVER_SCENE MESSAGE_VIEWS [METHOD [ITERATIONS [SEEDS [PRECISION]]]]
 
-Both folders are of a store: of kind scene, and of kind views rendered from that scene's cameras. PRECISION is bfloat16
-unless it is tf32, which on the CPU is imitated: what convolutions multiply is rounded as NVIDIA's GPUs do. A seed gives
-both trainings the same first Gaussians, decoders and order of views, so that their difference is all of the precision
-and of the chance that it sets off; how large chance is, the spread over seeds says. Training views, as they were seen
-in the last fifth of the iterations, tell more of the precision than test views, where chance has more room.
+Both folders are artifacts in a store: a scene, and views rendered from that scene's cameras. PRECISION is bfloat16 by
+default, or tf32, which the CPU imitates by rounding the factors of convolutions as NVIDIA's GPUs do. With one seed,
+both trainings have the same initial Gaussians and decoders and the same order of views, so that they differ only by the
+precision and by the chance effects that it sets off; the spread over seeds shows how large these are. Training views,
+as seen in the last fifth of the iterations, reveal more about the precision than test views, which vary more by chance.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ from stages.scene.message_views import read_message_pictures
 from stages.scene.scene import read_scene
 
 BOUND = 0.1
-"""Decibels that a coarser precision may cost."""
+"""Decibels by which a lower precision may differ from float32."""
 
 
 class _Rounded(torch.autograd.Function):
-    """Values, or on the way back their gradient, with 10 bits of mantissa: the nearest, of two the larger."""
+    """Rounds values, or only their gradient (`backward`), to 10 bits of mantissa: to nearest, ties away from zero."""
 
     @staticmethod
     def forward(ctx: Any, values: Tensor, backward: bool) -> Tensor:
@@ -60,7 +60,7 @@ def with_ten_bits(values: Tensor) -> Tensor:
 
 
 def imitate_tf32() -> None:
-    """From here on the CPU rounds what convolutions multiply, forward and backward, where a GPU would."""
+    """From now on, round the factors of convolutions on the CPU, forward and backward, where a GPU would."""
     forward = Convolution.forward
 
     def rounding(module: Convolution, values: Tensor, rectified: bool = False, rounded: bool = False) -> Tensor:
@@ -72,11 +72,11 @@ def imitate_tf32() -> None:
         return torch.relu(convolved) if rectified else convolved
 
     Convolution.forward = rounding  # type: ignore[method-assign]
-    decoders.works_in_place = lambda device: False  # type: ignore[assignment]  # by a kernel that rounds nothing
+    decoders.works_in_place = lambda device: False  # type: ignore[assignment]  # its kernel rounds nothing
 
 
 def decibels_on_test_views(cover: Artifact, message: Artifact, made: Mapping[str, Artifact]) -> dict[str, float]:
-    """Mean PSNR of the cover and of the message over the views that training never saw."""
+    """Mean PSNR of the cover and of the message over the test views."""
     scene = read_scene(cover)
     truths = {COVER: scene.pictures}
     truths |= {name: views.pictures for name, views in read_message_pictures([message], scene.cameras.names).items()}
@@ -104,7 +104,7 @@ def decibels_at_the_end(curves: Artifact, iterations: int) -> dict[str, float]:
 def trained(
     cover: Artifact, message: Artifact, method: str, iterations: int, seed: int, precision: Precision
 ) -> dict[str, float]:
-    """Decibels after a training with the parameters of workflows/hide_photos.yaml, one thread."""
+    """Decibels after a training as in workflows/hide_photos.yaml, but with λ = 0.25 and one thread."""
     parameters = HideScenesParameters.model_validate(
         {
             "method": method,
@@ -123,7 +123,7 @@ def trained(
 
 
 def described(name: str, precision: Precision, differences: Sequence[float]) -> str:
-    """The mean difference with twice its standard error, and the verdict."""
+    """A line with the mean difference, twice its standard error, and the verdict."""
     mean, error = statistics.mean(differences), 2 * statistics.stdev(differences) / math.sqrt(len(differences))
     verdict = "within" if abs(mean) + error <= BOUND else "not shown to be within"
     difference = f"{mean:+.3f} ± {error:.3f} dB over {len(differences)} seeds"

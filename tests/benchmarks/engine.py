@@ -1,11 +1,11 @@
-"""What the engine costs with 1,000 pairs of `workflows/batch_pairs.yaml`, 10,000 stages, none of which is really run.
+"""Measures the engine's cost for 1,000 pairs of `workflows/batch_pairs.yaml`, 14,001 stages, without running any.
 
     python -m tests.benchmarks.engine [PAIRS]
 
-Every pair has a cover and a message of its own, so nothing is shared. Measured are whole commands, from the shell and
-back: a plan where nothing was done yet, then, with results in the store that were made up for the purpose (each of a
-few small files), `status`, a run that finds everything done, and `explain` of a thousand stages. `cpu` is what the
-process itself worked, which other programs on the machine do not change.
+Every pair has its own cover and message, so nothing is shared. Whole commands are measured, as started from a shell:
+a plan with nothing done yet; then, with made-up results in the store (a few small files each), `status`, a run that
+finds everything done, and `explain` of a thousand stages. `cpu` is the processor time of the process itself, which
+other programs on the machine do not affect.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ RECORDS = {name: FileRecord(len(data), hashlib.sha256(data).hexdigest()) for nam
 
 @dataclass(frozen=True)
 class Cost:
-    """Of one command: seconds on the clock and of work, and the most memory that it held, in MB."""
+    """Cost of one command: wall-clock seconds, CPU seconds, and peak memory in MB."""
 
     seconds: float
     cpu: float
@@ -51,8 +51,8 @@ def main() -> None:
         folder = Path(name)
         table = write_pairs(folder, pairs)
         small = write_pairs(folder / "one", 1)
-        open_store(folder / "store")  # made, since a plan makes none, and without one remembers nothing
-        for pairs_file in (small, table):  # imports the stages, which costs what torch costs, and remembers them
+        open_store(folder / "store")  # a plan creates no store, and caches nothing without one
+        for pairs_file in (small, table):  # the first imports the stages, and torch with them, and caches that
             cost("run", folder / "store", pairs_file, "--dry-run")
         nothing = cost("run", folder / "store", small, "--dry-run")
         plan = cost("run", folder / "store", table, "--dry-run")
@@ -65,7 +65,7 @@ def main() -> None:
 
 
 def write_pairs(folder: Path, pairs: int) -> Path:
-    """A CSV of pairs, and a folder with one file for each cover and each message."""
+    """Write a CSV of pairs, and a folder with one file for each cover and each message. Returns the CSV's path."""
     rows = ["cover,message"]
     for number in range(pairs):
         names = [f"photos/cover{number:04d}", f"photos/message{number:04d}"]
@@ -79,7 +79,7 @@ def write_pairs(folder: Path, pairs: int) -> Path:
 
 
 def cost(command: str, store: Path, table: Path, *arguments: str) -> Cost:
-    """What a command costs, its output thrown away. Raises RuntimeError where it fails."""
+    """Run a command, discard its output and return its cost. Raises RuntimeError if it fails."""
     words = [sys.executable, "-m", "pipeline", command, str(WORKFLOW), "--store", str(store), "--set", f"pairs={table}"]
     started = time.monotonic()
     process = subprocess.Popen([*words, *arguments], stdout=subprocess.DEVNULL, cwd=WORKFLOW.parents[1])
@@ -99,7 +99,7 @@ def told(what: str, cost: Cost, stages: int, nothing: Cost) -> None:
 
 
 def fill(folder: Path, table: Path) -> int:
-    """Makes up a result for every stage; returns how many there are."""
+    """Make up a result for every stage. Returns the number of stages."""
     project = open_project(WORKFLOW, folder, [f"pairs={table}"])
     store, digests = project.store, dict[Source, str | None]()
     journal = store.history.begin(project.graph.workflow)
@@ -133,7 +133,7 @@ def provenance(node: Node) -> dict[str, object]:
 
 
 def make_up(store: Store, kind: str, private: bool, text: str) -> str:
-    """An artifact like no other, written without care for a power cut."""
+    """Write a unique artifact, not safe against power cuts. Returns its digest."""
     manifest = Manifest(kind, private, {"made_up": text}, {}, RECORDS)
     path = store.folder("objects") / manifest.digest
     path.mkdir()

@@ -1,9 +1,9 @@
-"""Plain 3DGS on fox from random grey points, the case for which OpenSplat's figures are known.
+"""Trains plain 3DGS on fox from random grey points, the case for which OpenSplat's figures are known.
 
     python -m tests.benchmarks.fox_random_points FOLDER_OF_FOX
 
-132x238 pixels (134x239 before undistortion), 2,000 steps, 20,000 random grey points, the held-out photo 0012.jpg.
-OpenSplat's C++ on a CPU reaches 20.4 dB there at 4.5 iterations a second.
+132x238 pixels (134x239 before undistortion), 2,000 steps, 20,000 random grey points, scored on the held-out photo
+0012.jpg. OpenSplat's C++ on a CPU reaches 20.4 dB there, at 4.5 iterations a second.
 """
 
 from __future__ import annotations

@@ -1,33 +1,34 @@
-"""All that has to be seen of an NVIDIA GPU, in one run: that it computes what the CPU does, and how fast it is.
+"""Checks an NVIDIA GPU in one run: whether it computes what the CPU does, and how fast it is.
 
-    pip install 'pyopencl[pocl]' jaxtyping filelock scipy pydantic      (torch with CUDA and numpy are there)
+    pip install 'pyopencl[pocl]' jaxtyping filelock scipy pydantic      (besides torch with CUDA, and numpy)
     python -m tests.benchmarks.nvidia [--ptx FOLDER]
 
-The rasterizer, similarities and harmonics are compared with the CPU's, in torch's memory and by copies; a training is
-made twice, once interrupted. Then they are timed, beside gsplat where it is installed. scipy and pydantic are what
-stages need for the trainings: without them only these fail. A check that ends in an exception fails, and the others go
-on. The exit status is 0 where every check holds, 1 where one does not, 2 where the GPU cannot be reached.
+The rasterizer, structural similarity and spherical harmonics are compared with the CPU's, in torch's memory and by
+copies; a training is run twice in each precision, once interrupted. Then drawing (beside gsplat, if it is installed),
+decoding and similarities are timed. Only the trainings need scipy and pydantic: without these, only they fail. A check
+that raises an exception fails, and the others continue. The exit status is 0 if all checks hold, 1 if one fails, and 2
+if none can be run.
 
-On an H100 (driver 580.159, torch 2.11, CUDA 13.0) every check held, in two and a half minutes, a good part of which
-is the compilers'. Milliseconds, gsplat 1.5.3's beside them:
+On an H100 (driver 580.159, torch 2.11, CUDA 13.0), all checks held, in two and a half minutes, a large part of which
+compilers take. Milliseconds, ours / gsplat 1.5.3's:
 
-    Gaussians, pixels, features        forward     forward + backward    blend   blend_backward   all other kernels
+    Gaussians, pixels, features        forward     forward + backward    blend   blend_backward   other kernels
     200,000, 1216 x 800, M = 16      1.84 / 0.71       3.39 / 2.12        0.19        0.91              0.26
     1,000,000, 1600 x 1060, M = 16   2.28 / 1.66       7.09 / 7.45        0.82        4.12              0.82
     1,000,000, 1600 x 1060, M = 32   3.80 / 2.52       13.5 / 14.9        1.24        8.88              0.94
 
-    1600 x 1060, of two, forward and backward          M = 16     M = 32
+    1600 x 1060, two of each, forward and backward     M = 16     M = 32
     decoders of 64 channels, float32                    326        260
     the same, bfloat16                                  148         98
     the same, TF32                                       93         55
     similarities                                        4.6        4.7
 
-    200,000 Gaussians of the CPU's memory, by copies: forward + backward 77
+    200,000 Gaussians in the CPU's memory, by copies: forward + backward 77
 
-(Torch's own sort by depth is in no kernel's time. Similarities were a strip for each work-item then, which kept 768
-bytes in memory; in tiles, as they are since, it keeps none, and their time is not known.) A multiprocessor has no room
-for a second group where a work-item of blend_backward takes 180 registers (M = 32); `.minnctapersm 2` in its PTX gives
-128, and none in memory: what that gains, and what else is to be tried, `tests.benchmarks.nvidia_variants` will tell.
+(No kernel's time includes torch's own sort by depth. For similarities, a work-item then had a strip, with 768 bytes
+in memory. Now they work in tiles, without such bytes, and have not been timed.) As a work-item of blend_backward takes
+180 registers (M = 32), a multiprocessor has no room for a second group. `.minnctapersm 2` in its PTX gives 128, with
+nothing in memory. `tests.benchmarks.nvidia_variants` measures what that gains, and what else is to be tried.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ from typing import TYPE_CHECKING
 
 import torch
 
-if TYPE_CHECKING:  # what asks for OpenCL's platforms is imported once the ICD file is there
+if TYPE_CHECKING:  # otherwise imported only once `packages_are_there`
     from opencl.backend import Backend
     from opencl.bench.workloads import Inputs
     from opencl.cuda import CudaBackend
@@ -52,14 +53,14 @@ if TYPE_CHECKING:  # what asks for OpenCL's platforms is imported once the ICD f
     from tests.benchmarks.nvidia_checks import Draw
 
 RASTERIZER_NEEDS = {"pyopencl": "'pyopencl[pocl]'", "jaxtyping": "jaxtyping", "filelock": "filelock"}
-"""How to ask pip for what is imported."""
+"""Imported modules, and how to ask pip for them."""
 TRAINING_NEEDS = {"scipy": "scipy", "pydantic": "pydantic"}
 
 LARGE = ("paper", "paper-32")
-"""Workloads of the paper's size, beside the smaller one that the CPU can be compared with."""
+"""Workloads of the paper's size, timed in addition to B, which is small enough to be compared with CPUs."""
 
 Check = Callable[[], bool | None]
-"""Whether it holds; what only measures says nothing."""
+"""Returns whether the check holds, or None if it only measures."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -82,7 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def packages_are_there() -> bool:
-    """Whether the rasterizer's are; tells of all that is missing."""
+    """Whether the packages that the rasterizer needs are installed. Prints all that are missing."""
     missing = {
         name: wanted
         for name, wanted in (RASTERIZER_NEEDS | TRAINING_NEEDS).items()
@@ -94,7 +95,7 @@ def packages_are_there() -> bool:
 
 
 def gpu_backend() -> CudaBackend | None:
-    """The backend of torch's CUDA device, which gives the same bits each time; None, with the reason, where not."""
+    """The backend of torch's CUDA device, set to give the same bits each time; or None, after printing why."""
     from opencl.__main__ import main as opencl_command
     from opencl.backend import default_backend
     from opencl.cuda import CudaBackend
@@ -105,7 +106,7 @@ def gpu_backend() -> CudaBackend | None:
         print("torch sees no CUDA device")
         return None
     print(torch.cuda.get_device_name(), f"driver's compute capability {torch.cuda.get_device_capability()}")
-    device = working_device()  # before anything is computed there, as trainings ask for it
+    device = working_device()  # before anything is computed there, as in trainings
     if device.type != "cuda":
         print(f"GS_HIDER_DEVICE names {os.environ['GS_HIDER_DEVICE']}, which is not torch's CUDA device: unset it")
         return None
@@ -121,7 +122,7 @@ def gpu_backend() -> CudaBackend | None:
 
 
 def checks(backend: CudaBackend, inputs: Callable[[], Inputs]) -> Iterator[tuple[str, Check]]:
-    """What is held of the GPU, and then measured on `inputs`, by name."""
+    """All checks of the GPU by name, then its measurements, on `inputs` and on larger workloads."""
     from opencl.backend import Backend
     from opencl.bench.workloads import box_named
     from tests.benchmarks import nvidia_checks, nvidia_timing
@@ -151,7 +152,7 @@ def checks(backend: CudaBackend, inputs: Callable[[], Inputs]) -> Iterator[tuple
 
 
 def comparisons(where: str, backend: Backend, draw: Draw) -> Iterator[tuple[str, Check]]:
-    """All that a backend computes, with the CPU. `draw` is by this backend."""
+    """Checks that compare all that a backend computes with the CPU. `draw` must use this backend."""
     from tests.benchmarks import nvidia_checks
 
     yield f"{where}: small scenes", lambda: nvidia_checks.check_against_cpu(draw, nvidia_checks.CASES)
@@ -161,7 +162,7 @@ def comparisons(where: str, backend: Backend, draw: Draw) -> Iterator[tuple[str,
 
 
 def failing(named: Iterator[tuple[str, Check]]) -> list[str]:
-    """The names of checks that do not hold; of one that ends in an exception the traceback is printed."""
+    """Run checks and return the names of those that fail. If one raises an exception, its traceback is printed."""
     failed = []
     for name, check in named:
         print(f"\n{name}", flush=True)
@@ -176,9 +177,9 @@ def failing(named: Iterator[tuple[str, Check]]) -> list[str]:
 
 
 def write_ptx(backend: CudaBackend, folder: Path) -> None:
-    """From here on each program's PTX is written as NVIDIA's compiler gives it, before the driver is asked to load it.
+    """From now on, write each program's PTX as NVIDIA's compiler returns it, before the driver loads it.
 
-    A file's name says what it was compiled for, and ends in a digest of the source.
+    A file's name states what it was compiled for, and ends in a digest of the source.
     """
     folder.mkdir(parents=True, exist_ok=True)
     compile_program = backend._compile

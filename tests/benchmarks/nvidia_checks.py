@@ -1,7 +1,7 @@
-"""What `tests.benchmarks.nvidia` holds of a GPU: pictures, gradients, lists, similarities and harmonics against the
-CPU's; runs and streams.
+"""The checks of `tests.benchmarks.nvidia`: a GPU's results against the CPU's, repeated runs, and streams.
 
-A number that is not finite fails whatever it is compared with: none of these scenes has one.
+Compared are pictures, gradients, tile lists, similarities and harmonics. A number that is not finite fails, whatever it
+is compared with: none of these scenes produces one.
 """
 
 from __future__ import annotations
@@ -25,27 +25,27 @@ from tests.opencl.comparison import FLOAT32
 from tests.opencl.scenes import Scene, make_scene
 
 CASES = ((1, 1), (3, 60), (16, 2000), (17, 300), (70, 300), (3, 0))
-"""Features, and how many Gaussians."""
+"""(Feature dimension, number of Gaussians)."""
 MANY = 300_000
-"""Gaussians of the large case: the counts of one pass of their sort are scanned in several chunks (from 131,072 on)."""
+"""Gaussians of the large case: from 131,072 on, the counts of one pass of the sort are scanned in several chunks."""
 RUNS = 20
 SIMILAR = ((1, 1), (37, 53), (2, 130, 171))
 """Shapes of pictures whose similarity is compared."""
 HARMONICS = ((0, 0, 300), (3, 15, 3000), (1, 15, 1), (3, 15, 0))
-"""Degrees, harmonics beside the constant one, and how many Gaussians."""
+"""(Degree, number of harmonics besides the constant one, number of Gaussians)."""
 _LARGEST_DIFFERENCE = 1e-9
-"""In float64."""
+"""Limit for `largest_difference` in float64."""
 _PIXEL_DIFFERENCE, _SHARE_APART = 1e-4, 1e-3
-"""In float32: a pixel that is further apart has a Gaussian on a threshold, and there are few such pixels."""
+"""In float32: a pixel that differs by more has a Gaussian at a threshold, and there are few such pixels."""
 _BUSY = 4000
 """Rows and columns of a matrix whose products keep a GPU busy for a while."""
 _SMALL_NORM = 1e-3
-"""Gradients smaller than this are themselves but rounding."""
+"""Gradients smaller than this are nothing but rounding."""
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """What a rasterizer gives for a scene, on the CPU."""
+    """A rasterizer's results for a scene, on the CPU."""
 
     picture: Tensor
     others: tuple[Tensor, ...]
@@ -60,7 +60,7 @@ Draw = Callable[[Scene], Drawing]
 
 
 def drawn(scene: Scene, device: torch.device, draw: Callable[..., RasterOutput] = rasterize) -> Drawing:
-    """The scene with its tensors on a device of torch's, by `rasterize` or what takes the same arguments."""
+    """Draw a scene with its tensors on a torch device, by `rasterize` or a function with the same arguments."""
     leaves = [tensor.to(device, copy=True).requires_grad_() for tensor in (*scene.gaussians, scene.background)]
     output = draw(*leaves[:5], *scene.camera, leaves[5], scene.settings)
     random = torch.Generator().manual_seed(0)
@@ -74,12 +74,12 @@ def drawn(scene: Scene, device: torch.device, draw: Callable[..., RasterOutput] 
 
 
 def drawn_on(device: torch.device) -> Draw:
-    """By whatever `rasterize` draws tensors of the device on."""
+    """Draws with the backend that `rasterize` selects for tensors of the device."""
     return partial(drawn, device=device)
 
 
 def drawn_by(backend: Backend) -> Draw:
-    """By a backend, whatever `rasterize` would draw its tensors on."""
+    """Draws with this backend, whichever `rasterize` would select."""
     return partial(drawn, device=backend.tensor_device, draw=partial(_rasterize_on, backend))
 
 
@@ -92,7 +92,7 @@ def report(name: str, holds: bool, found: str) -> bool:
 
 
 def largest_difference(found: Tensor, expected: Tensor) -> float:
-    """Of any two numbers, relative to one more than the largest expected; infinite where one is not finite."""
+    """The largest difference, relative to 1 plus the largest expected value; infinite if a number is not finite."""
     if not _are_finite(found, expected):
         return torch.inf
     if not expected.numel():
@@ -101,14 +101,14 @@ def largest_difference(found: Tensor, expected: Tensor) -> float:
 
 
 def relative_error(found: Tensor, expected: Tensor) -> float:
-    """The difference's norm, relative to what is expected; infinite where a number is not finite."""
+    """The norm of the difference, relative to that of `expected`; infinite if a number is not finite."""
     if not _are_finite(found, expected):
         return torch.inf
     return float((found.double() - expected.double()).norm() / (expected.double().norm() + _SMALL_NORM))
 
 
 def share_apart(found: Tensor, expected: Tensor) -> float:
-    """Of pixels that differ visibly; infinite where a number is not finite."""
+    """The share of pixels that differ visibly; infinite if a number is not finite."""
     if not _are_finite(found, expected):
         return torch.inf
     return float(((found - expected).abs().amax(dim=-1) > _PIXEL_DIFFERENCE).double().mean())
@@ -119,14 +119,14 @@ def _are_finite(*tensors: Tensor) -> bool:
 
 
 def check_float64(name: str, found: Drawing, expected: Drawing) -> bool:
-    """All the same within rounding."""
+    """Check that all results are the same up to rounding."""
     pairs = zip(found.tensors, expected.tensors, strict=True)
     worst = max(largest_difference(one, other) for one, other in pairs)
     return report(f"float64, {name}", worst < _LARGEST_DIFFERENCE, f"at most {worst:.1e} apart")
 
 
 def check_float32(name: str, found: Drawing, expected: Drawing) -> bool:
-    """The same but for pixels where a threshold decides otherwise, and what of the gradients comes from those."""
+    """Check that results are the same, except for pixels at thresholds and their part in the gradients."""
     share = share_apart(found.picture, expected.picture)
     error = max(relative_error(one, other) for one, other in zip(found.others, expected.others, strict=True))
     holds = share < _SHARE_APART and error < FLOAT32.gradients_at_thresholds
@@ -134,7 +134,7 @@ def check_float32(name: str, found: Drawing, expected: Drawing) -> bool:
 
 
 def check_against_cpu(draw: Draw, cases: Sequence[tuple[int, int]]) -> bool:
-    """Small scenes by both types, and a large one by the type that scenes are trained in."""
+    """Compare small scenes with the CPU, in float64 and in float32."""
     results = []
     for feature_dim, count in cases:
         scene = make_scene(count=count, feature_dim=feature_dim, width=130, height=90, size=0.1)
@@ -150,13 +150,13 @@ def large_scene(count: int, dtype: torch.dtype) -> Scene:
 
 
 def check_similarities(backend: Backend) -> bool:
-    """Structural similarities of pictures, and their gradients."""
+    """Compare structural similarities of pictures, and their gradients, with the CPU."""
     results = [check_computed(f"similarities of {shape}", partial(similarity, shape), backend) for shape in SIMILAR]
     return all(results)
 
 
 def check_harmonics(backend: Backend) -> bool:
-    """Colours of spherical harmonics, and their gradients."""
+    """Compare colours of spherical harmonics, and their gradients, with the CPU."""
     results = []
     for degree, rest, count in HARMONICS:
         name = f"harmonics of degree {degree}, {count} Gaussians"
@@ -168,7 +168,7 @@ Compute = Callable[[Backend, torch.dtype], tuple[Tensor, ...]]
 
 
 def check_computed(name: str, compute: Compute, backend: Backend) -> bool:
-    """What a backend computes in both types, against the CPU. Nothing in it decides by thresholds."""
+    """Compare what a backend computes with the CPU, in both types. It must not depend on thresholds."""
     found, expected = (compute(one, torch.float64) for one in (backend, default_backend()))
     worst = max(map(largest_difference, found, expected))
     holds = report(f"float64, {name}", worst < _LARGEST_DIFFERENCE, f"at most {worst:.1e} apart")
@@ -178,7 +178,7 @@ def check_computed(name: str, compute: Compute, backend: Backend) -> bool:
 
 
 def similarity(shape: tuple[int, ...], backend: Backend, dtype: torch.dtype) -> tuple[Tensor, ...]:
-    """Of two pictures, summed over pixels and channels, and its gradient, on the CPU."""
+    """Similarity of two pictures, summed over pixels and channels, and its gradient, both on the CPU."""
     random = torch.Generator().manual_seed(0)
     picture, noise = (torch.rand(*shape, 3, generator=random, dtype=torch.float64) for _ in range(2))
     both = (picture, 0.6 * picture + 0.4 * noise)
@@ -189,7 +189,7 @@ def similarity(shape: tuple[int, ...], backend: Backend, dtype: torch.dtype) -> 
 
 
 def colors(degree: int, rest: int, count: int, backend: Backend, dtype: torch.dtype) -> tuple[Tensor, ...]:
-    """Of random harmonics, and the gradients of base, rest and means, on the CPU."""
+    """Colours of random harmonics, and the gradients of base, rest and means, all on the CPU."""
     random = torch.Generator().manual_seed(0)
     shapes = ((count, 3), (count, rest, 3), (count, 3))
     drawn = [torch.randn(*shape, generator=random, dtype=torch.float64) for shape in shapes]
@@ -201,17 +201,17 @@ def colors(degree: int, rest: int, count: int, backend: Backend, dtype: torch.dt
 
 
 def check_large(backend: Backend, draw: Draw, count: int) -> bool:
-    """Lists, picture and gradients of many Gaussians. `backend` is the one that draws, with the GPU schedule."""
+    """Check lists, picture and gradients of many Gaussians. `backend` is the one that draws, with the GPU schedule."""
     results = [check_lists(backend, large_scene(count, dtype)) for dtype in (torch.float64, torch.float32)]
     scene = large_scene(count, torch.float32)
     return all([*results, check_float32(f"{count} Gaussians, M=16", draw(scene), drawn_by_cpu(scene))])
 
 
 def check_lists(backend: Backend, scene: Scene) -> bool:
-    """The lists of one projection, that of the CPU.
+    """Check a backend's tile lists for a projection that is computed on the CPU.
 
-    In float64 they are the CPU's own. In float32 OpenCL's quotients and roots may round differently from one device to
-    another, so that a Gaussian reaches a tile on one of them only; but a device's lists never contradict themselves.
+    In float64, they must equal the CPU's. In float32, quotients and roots in OpenCL may be rounded differently on two
+    devices, so that a Gaussian reaches a tile on only one of them; but the lists of a device must be consistent.
     """
     cpu = default_backend()
     camera = pack_camera(*scene.camera, scene.settings)
@@ -230,7 +230,7 @@ def check_lists(backend: Backend, scene: Scene) -> bool:
 def _lists_on(backend: Backend, scene: Scene, projected: Sequence[Tensor]) -> TileLists:
     records, radii, depth_keys = (backend.memory.receive(tensor) for tensor in projected)
     lists = sort_into_tiles(backend, scene.settings, scene.width, scene.height, records, radii, depth_keys, True)
-    with backend.session() as session:  # which brings them from a device that they are on
+    with backend.session() as session:  # copies them from the device if they are there
         given = session.give(*vars(lists).values())
     return TileLists(*(tensor.cpu() for tensor in given))
 
@@ -240,7 +240,7 @@ def _are_equal(found: TileLists, expected: TileLists, name: str) -> bool:
 
 
 def faults_of(lists: TileLists) -> list[str]:
-    """In what lists on the CPU contradict themselves; empty where they do not."""
+    """The contradictions within tile lists on the CPU; empty if there are none."""
     entries, slots = lists.entries.long(), lists.slots.long()
     tile_counts, first_slots = lists.tile_counts.long(), lists.first_slots.long()
     if not torch.equal(slots.sort().values, torch.arange(len(entries))):
@@ -261,7 +261,7 @@ def faults_of(lists: TileLists) -> list[str]:
 
 
 def check_runs(draw: Draw) -> bool:
-    """The same bits every time."""
+    """Check that every run gives the same bits."""
     scene = make_scene(count=5000, feature_dim=16, width=400, height=300, size=0.05, dtype=torch.float32)
     first = draw(scene).tensors
     same = all(
@@ -271,13 +271,13 @@ def check_runs(draw: Draw) -> bool:
 
 
 def check_streams(device: torch.device) -> bool:
-    """On a stream of its own, straight after torch's kernels that make the inputs, straight before ones that read."""
+    """Check drawing on another stream, between torch's kernels that make the inputs and those that read the output."""
     scene = make_scene(count=3000, feature_dim=8, width=300, height=200, size=0.05, dtype=torch.float32)
     gaussians = [tensor.to(device) for tensor in scene.gaussians]
     background = scene.background.to(device)
     expected = rasterize(*gaussians, *scene.camera, background, scene.settings).features * 2
     busy, found = torch.randn(_BUSY, _BUSY, device=device), []
-    torch.cuda.synchronize()  # all that the streams read is there
+    torch.cuda.synchronize()  # so that everything the streams read is there
     for _ in range(10):
         with torch.cuda.stream(torch.cuda.Stream()):
             delay = (busy @ busy @ busy).sum() * 0

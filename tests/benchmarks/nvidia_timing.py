@@ -1,4 +1,4 @@
-"""What `tests.benchmarks.nvidia` measures: workload B beside gsplat, by copies, and kernel by kernel."""
+"""The measurements of `tests.benchmarks.nvidia`: drawing (beside gsplat, by copies, kernel by kernel) and decoding."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ def median_milliseconds(work: Callable[[], object]) -> float:
 
 
 def leaves_on(device: torch.device, inputs: Inputs) -> list[Tensor]:
-    """What is trained of a workload, on a device of torch's."""
+    """The trained tensors of a workload, on a torch device."""
     return [tensor.to(device, copy=True).requires_grad_() for tensor in inputs.trained]
 
 
 def time_workload(device: torch.device, inputs: Inputs) -> None:
-    """Forward, and forward with backward; gsplat's with the same settings where it is installed."""
+    """Time forward, and forward with backward; also gsplat's, with the same settings, if it is installed."""
     view = inputs.views[0]
     leaves = leaves_on(device, inputs)
     feature_dim = inputs.features.shape[1]
@@ -70,7 +70,7 @@ def time_workload(device: torch.device, inputs: Inputs) -> None:
 
 
 def time_decoding(device: torch.device, box: Box) -> None:
-    """What an iteration at this size does beside drawing: both decoders, and the similarity of both pictures."""
+    """Time what an iteration does besides drawing: both decoders, and the similarities of both pictures."""
     from stages.hiding.decoders import PRECISIONS, Decoder, Precision, decode
     from stages.imaging.ssim import ssim
 
@@ -92,7 +92,7 @@ def time_decoding(device: torch.device, box: Box) -> None:
 
 
 def gsplat_drawer(leaves: list[Tensor], view: View, near: float) -> Callable[[], Tensor]:
-    """Draws by gsplat, which has drawn once; raises whatever it does where it cannot."""
+    """A function that draws with gsplat, after a first drawing. Raises whatever gsplat raises if it cannot draw."""
     import gsplat
 
     means, quats, scales, opacities, features = leaves
@@ -108,7 +108,7 @@ def gsplat_drawer(leaves: list[Tensor], view: View, near: float) -> Callable[[],
 
 
 def time_copies(device: Device, inputs: Inputs) -> None:
-    """The same GPU for tensors of the CPU, through pinned memory."""
+    """Time the same GPU for CPU tensors, copied through pinned memory."""
     view = inputs.views[0]
     leaves = leaves_on(torch.device("cpu"), inputs)
     feature_dim = inputs.features.shape[1]
@@ -123,7 +123,7 @@ def time_copies(device: Device, inputs: Inputs) -> None:
 
 
 def print_kernels(backend: CudaBackend, inputs: Inputs, wanted: Collection[str] | None = None) -> None:
-    """Where a forward and backward pass spends the GPU's time, and what each kernel takes of it; None: all kernels."""
+    """Print each wanted kernel's time in a forward and backward pass, its registers and its memory; None: all."""
     profiled = CudaBackend(
         backend.device, backend.driver, backend.tensor_device, profile=True, compile_program=backend._compile
     )

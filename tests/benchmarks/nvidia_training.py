@@ -1,4 +1,4 @@
-"""What `tests.benchmarks.nvidia` holds of trainings: the bits of one do not depend on the run, nor on a checkpoint."""
+"""The checks of trainings in `tests.benchmarks.nvidia`: they begin as on the CPU, and resuming changes no bit."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from tests.benchmarks.nvidia_checks import report
 MESSAGE = "message"
 VIEWS = 3
 ITERATIONS, STOPPED_AT = 50, 43
-"""Gaussians are refined until 40; averages are taken from there on."""
+"""Gaussians are refined until iteration 40; averaging begins there."""
 _FIGURES_DIFFERENCE = {"float32": 1e-3, "tf32": 1e-3, "bfloat16": 1e-2}
-"""Of the first iteration's from the CPU's, relative: thresholds, and what a decoder rounds, move a mean by less."""
+"""Limit of the first iteration's relative difference from the CPU; thresholds and decoders' rounding cause less."""
 
 
 @dataclass(frozen=True)
 class Size:
-    """Of a training."""
+    """The size of a training."""
 
     points: int
     width: int
@@ -42,11 +42,11 @@ class Size:
 
 
 WHOLE = Size(points=5000, width=200, height=132, feature_dim=16, layers=5, decoder_width=64)
-"""As the trainings of the CPU profile, whose decoders are as wide as the paper's."""
+"""Like the trainings of the CPU profile, whose decoders are as wide as the paper's."""
 
 
 def prepared(device: torch.device, precision: str, size: Size) -> Training:
-    """A homogeneous training on pictures of noise, before its first iteration; the same every time."""
+    """A training by `homogeneous` on pictures of noise, before its first iteration; the same every time."""
     torch.manual_seed(0)
     decoder = {
         "layers": size.layers,
@@ -72,7 +72,7 @@ def prepared(device: torch.device, precision: str, size: Size) -> Training:
 
 
 def rig(size: Size) -> Cameras:
-    """Side by side, looking down +z."""
+    """Cameras side by side, looking along +z."""
     poses = np.tile(np.eye(4), (VIEWS, 1, 1))
     poses[:, 0, 3] = np.linspace(-0.3, 0.3, VIEWS)
     focal = float(size.width)
@@ -82,7 +82,7 @@ def rig(size: Size) -> Cameras:
 
 
 def check_training(device: torch.device, precision: str, size: Size) -> bool:
-    """Begins as on the CPU; and twice the same bits, though the second time another goes on from a state between."""
+    """Check that it begins as on the CPU, and gives the same bits if another training goes on from a saved state."""
     begins = check_first_figures(device, precision, size)
     undisturbed = prepared(device, precision, size)
     undisturbed.run(lambda: None)
@@ -97,7 +97,7 @@ def check_training(device: torch.device, precision: str, size: Size) -> bool:
 
 
 def check_first_figures(device: torch.device, precision: str, size: Size) -> bool:
-    """The loss and each picture's squared error in the first iteration, against the CPU's."""
+    """Compare the loss and each picture's squared error in the first iteration with the CPU's."""
     found, expected = (prepared(one, precision, size).step(1) for one in (device, torch.device("cpu")))
     furthest = max(abs(found[name] - value) / value for name, value in expected.items())
     name = f"{precision}, the first iteration of a training"
@@ -109,7 +109,7 @@ class _Stopped(Exception):
 
 
 def run_until(training: Training, iteration: int) -> None:
-    """Interrupt a training after an iteration."""
+    """Run a training and interrupt it after an iteration."""
 
     def stop() -> None:
         if training.iteration == iteration:
@@ -120,7 +120,7 @@ def run_until(training: Training, iteration: int) -> None:
 
 
 def differences(found: State, expected: State) -> list[str]:
-    """What of two states is not the same to the last bit, or no number."""
+    """Names of the arrays that differ between two states or contain NaN, and "values" if those differ."""
     names = sorted(found.arrays.keys() | expected.arrays.keys())
     different = [name for name in names if not _are_equal(found.arrays.get(name), expected.arrays.get(name))]
     return different + ([] if found.values == expected.values else ["values"])

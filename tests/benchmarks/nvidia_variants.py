@@ -1,13 +1,15 @@
-"""What to try next on an NVIDIA GPU, each variant beside what there is; none of it has been run on one yet.
+"""Measures what to try next on an NVIDIA GPU, each variant beside the current one. Not yet run on a GPU.
 
     python -m tests.benchmarks.nvidia_variants [decoders] [registers] [python] [iterations]
 
-decoders: layouts of the feature map, precisions, and how cuDNN chooses its algorithms. In the first run of
-`tests.benchmarks.nvidia` the paper's two decoders took 326 ms in float32 at 1600 x 1060, where their 2.5e12 operations
-would take 40 at the rate of an H100: is most of it a choice of cuDNN's? registers: the blending kernels where the
-driver's assembler has to leave room for so many groups on a multiprocessor. python: which functions launch slowly.
-iterations: what trainings of each kind spend at 800 x 532. What is needed, and how OpenCL finds the GPU, is as in
-`tests.benchmarks.nvidia`.
+- decoders: layouts of the feature map, precisions, and how cuDNN chooses its algorithms. In the first run of
+  `tests.benchmarks.nvidia`, the paper's two decoders took 326 ms in float32 at 1600 x 1060, while an H100 could do
+  their 2.5e12 operations in 40: is cuDNN's choice the reason?
+- registers: the blending kernels if the driver's assembler must leave room for a number of groups on a multiprocessor.
+- python: which Python functions make launching slow.
+- iterations: where training iterations at 800 x 532 spend their time, in float32 and tf32.
+
+The requirements, and how OpenCL finds the GPU, are as in `tests.benchmarks.nvidia`.
 """
 
 from __future__ import annotations
@@ -27,14 +29,14 @@ from tests.benchmarks.nvidia import gpu_backend
 
 WIDTH, HEIGHT = 1600, 1060
 DECODERS = {"GS-Hider": (64, 3), "homogeneous": (32, 1)}
-"""Channels between the layers, and the side of their kernels."""
+"""(Channels between the layers, side of their kernels)."""
 ROOM = (0, 2, 3, 4, 5)
-"""Groups on a multiprocessor; 0: as the assembler has it."""
+"""Groups on a multiprocessor; 0 leaves their number to the assembler."""
 CALLS = 100
 
 
 def decoders() -> None:
-    """One decoder forward, and forward and backward, in milliseconds."""
+    """Print the milliseconds of one decoder, forward, and forward with backward."""
     from stages.hiding.decoders import Decoder
     from tests.benchmarks.nvidia_timing import median_milliseconds
 
@@ -84,7 +86,7 @@ def _cudnn(deterministic: bool, chosen_by_time: bool, rounded: bool) -> Iterator
 
 
 def registers() -> None:
-    """The blending kernels' times, and what a work-item of theirs takes."""
+    """Print the blending kernels' times, and the registers and memory of a work-item."""
     import opencl.cuda
     from opencl.bench.workloads import Box, box_named
     from tests.benchmarks.nvidia_timing import print_kernels
@@ -111,7 +113,7 @@ def registers() -> None:
 
 
 def python() -> None:
-    """Where Python's time goes when it draws, forward and backward."""
+    """Profile Python while it draws, forward and backward."""
     from opencl.bench.workloads import box_named
     from opencl.rasterizer import rasterize
     from tests.benchmarks.nvidia_timing import leaves_on
@@ -129,7 +131,7 @@ def python() -> None:
 
 
 def iterations() -> None:
-    """Parts of an iteration, each waited for, and the whole by the clock."""
+    """Time the parts of an iteration, waiting for each, and then whole iterations without waiting."""
     from stages.timing.stopwatch import Stopwatch, watching
     from tests.benchmarks.nvidia_training import Size, prepared
     from tests.benchmarks.training_iteration import clock_of

@@ -1,8 +1,8 @@
-"""How long StegExpose's detectors take for a picture, beside the Java original.
+"""Times StegExpose's detectors on a picture, against the Java original.
 
     python -m tests.benchmarks.stegexpose [PICTURE]
 
-Without a picture it makes one of 640x427 pixels, for which the original takes 0.7 s. Measure on an idle machine.
+Without PICTURE, it makes one of 640x427 pixels, for which the original takes 0.7 s. Measure on an idle machine.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ REPETITIONS = 20
 
 
 def photo_like(width: int = 640, height: int = 427) -> Picture:
-    """A smooth picture with noise, as sensors make it."""
+    """A smooth picture with noise like that of sensors."""
     generator = np.random.default_rng(0)
     rows, columns = np.mgrid[0:height, 0:width]
     smooth = 120 + 60 * np.sin(rows / 47) + 50 * np.cos(columns / 83)

@@ -1,23 +1,24 @@
-"""Where the time of a training's iterations goes: the middle of a training, repeated on the same Gaussians.
+"""Measures where the time of training iterations goes, in the middle of a training of given Gaussians.
 
     python -m tests.benchmarks.training_iteration METHOD SCENE SPLATS [VIEWS ...] [--iterations N] [--precision NAME]
 
-METHOD is plain, homogeneous or gs_hider; the others are folders of a store: the scene, trained splats or a container,
-and the messages' views. A coupled method starts with fresh decoders and, on another method's Gaussians, fresh features.
-Half of the iterations are before the end of density control and half after it, as in a whole training. It works where
-stages do: on a CUDA GPU where there is one, unless GS_HIDER_DEVICE names another device. On the CPU seconds are those
-of processors, which other work on the machine disturbs less than the clock; on a GPU they are by the clock, and each
-part waits until the GPU has done it, which a training does not. Every training writes the same table, by the clock,
-into its stage's log. The time of a checkpoint is by the clock: most of it is waiting for the disk.
+METHOD is plain, homogeneous or gs_hider. The other arguments are artifacts in a store: the scene, trained splats or a
+container, and the messages' views. A method with decoders starts with new ones and, on another method's Gaussians, with
+new features. Half of the iterations are before the end of density control and half after it, as in a whole training.
 
-On one core of two (Emerald Rapids, fox, 60,000 Gaussians) an iteration takes
+It runs where stages do: on a CUDA GPU if there is one, unless GS_HIDER_DEVICE names another device. On the CPU, seconds
+are processor time, which other work on the machine disturbs less than wall-clock time. On a GPU, they are wall-clock
+time, and each part waits until the GPU has done it, which a training does not. Every training writes the same table, in
+wall-clock time, to its stage's log. Checkpoints are timed by the clock as well: they mostly wait for the disk.
+
+On one core of two (Emerald Rapids, fox, 60,000 Gaussians), an iteration takes
 
     plain           37.7 ms
     homogeneous     74.1 ms
     gs_hider       175.1 ms
 
-Memory that is freed is kept, as in a worker; `--give-memory-back` leaves that to the allocator. There it makes no
-difference; on Zen 4 it took a tenth longer.
+Freed memory is kept, as in a worker; `--give-memory-back` leaves that to the allocator. On that processor, this makes
+no difference; on Zen 4, iterations took a tenth longer.
 """
 
 from __future__ import annotations
@@ -55,14 +56,14 @@ DECODERS: dict[str, dict[str, object]] = {
     "homogeneous": {"decoder_width": 32, "kernel_size": 1},
     "gs_hider": {"decoder_width": 64, "kernel_size": 3},
 }
-"""As the stages that hide have them unless told otherwise."""
+"""The defaults of the stages that hide."""
 WARM_UP = 5
 WHOLE = 2_000
 """Iterations of the training whose middle is measured."""
 
 
 def clock_of(device: torch.device) -> Callable[[], float]:
-    """Seconds that what was asked of a device has taken: of the CPU's processors, or until a GPU has done all of it."""
+    """A clock for work on a device: processor time for the CPU; for a GPU, wall-clock time once all work is done."""
     if device.type == "cpu":
         return time.process_time
 
@@ -74,7 +75,7 @@ def clock_of(device: torch.device) -> Callable[[], float]:
 
 
 def prepared(arguments: argparse.Namespace, device: torch.device) -> Training:
-    """A training on Gaussians that have been trained already, on a device."""
+    """A training, on a device, of Gaussians that have already been trained."""
     scene = read_scene(load(arguments.scene))
     messages = read_message_pictures([load(folder) for folder in arguments.views], scene.cameras.names)
     stored = read_gaussians(load(arguments.splats))
@@ -121,7 +122,7 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 def checkpoint_seconds(training: Training, folder: Path, count: int = 5) -> list[float]:
-    """How long each of a few checkpoints takes, the one before it being deleted."""
+    """Seconds that each of a few checkpoints takes, including the deletion of the one before."""
     with tempfile.TemporaryDirectory(dir=folder) as scratch:
         checkpoints = Checkpoints(Context({}, {}, Path(scratch), "benchmark", Services()))
         seconds = []

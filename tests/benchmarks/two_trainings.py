@@ -1,10 +1,10 @@
-"""Two independent trainings: how long together, compared with one after the other, in interleaved repeats.
+"""Times two independent trainings, side by side and one after the other, in interleaved repeats.
 
     python -m tests.benchmarks.two_trainings                 # plain 3DGS, one thread of torch each
     python -m tests.benchmarks.two_trainings --stage hide    # hiding a scene, two threads of torch each
 
-Both are real: pictures are ray-traced, cameras triangulated, then trained. What both ways have in common is made first
-and not counted; each training is, from its start to its end in the store.
+Both are real trainings, on ray-traced pictures with given cameras and triangulated points. What both ways have in
+common is made first and not counted; the trainings are counted until their results are in the store.
 """
 
 from __future__ import annotations
@@ -64,14 +64,14 @@ NEEDED = {"plain": ["scene"], "hide": ["views", "key"]}
 
 
 def run(workflow: Path, store: Path, stages: list[str], *options: str) -> list[dict[str, object]]:
-    """What a run says of its stages."""
+    """The events that a run prints."""
     command = [sys.executable, "-m", "pipeline", "run", str(workflow), *stages, "--store", str(store), "--json"]
     done = subprocess.run([*command, *options], cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True)
     return [json.loads(line) for line in done.stdout.splitlines()]
 
 
 def seconds(workflow: Path, prepared: Path, stage: str, seed: int, workers: int) -> float:
-    """How long a run of two trainings takes on so many workers."""
+    """Seconds that a run of the two trainings takes on so many workers."""
     store = prepared.with_name(f"workers-{workers}")
     shutil.copytree(prepared, store, symlinks=True)
     told = run(workflow, store, [stage], "--workers", str(workers), "--set", f"seed={seed}")

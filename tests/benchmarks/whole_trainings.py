@@ -1,12 +1,12 @@
-"""Whole trainings on the device that stages work on: how long an iteration takes, and what comes out.
+"""Measures whole trainings on the device that stages use: how long they take, and the quality of the results.
 
     python -m tests.benchmarks.whole_trainings FOLDER COVER_SCENE MESSAGE_SCENE [METHOD ...] [--iterations N]
         [--message-iterations N] [--gaussians N] [--precision NAME]
 
-Both scenes are folders of a store, of kind scene. 3DGS of the message, its views from the cover's cameras, then METHOD
-after METHOD, each scored and its frames timed: plain, gs_hider, homogeneous, sh or decoder; the first and the last two
-unless others are named. What is done lies in FOLDER and is not done again, so that a run which was cut short goes on
-behind the last stage that ended; several runs may share it, one for each method. Not yet run on a GPU.
+Both scenes are artifacts of kind scene in a store. First, 3DGS of the message is trained and rendered from the cover's
+cameras; then each METHOD is trained, scored and its frames timed: plain, gs_hider, homogeneous, sh or decoder; by
+default the first three. Finished stages are kept in FOLDER and not repeated, so that an interrupted run continues after
+the last of them. Several runs may share FOLDER, one for each method. Not yet run on a GPU.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from stages.train_scene import TrainSceneParameters, train_scene
 
 METHODS = (PLAIN, "gs_hider", "homogeneous")
 DECODER_WIDTHS = {"homogeneous": 32}
-"""As the method's own; others have the paper's 64."""
+"""The method's default; the others have the paper's 64."""
 
 
 class Work:
-    """Stages one after the other, in a folder each."""
+    """Runs stages one after the other, each in a folder of its own."""
 
     def __init__(self, folder: Path, threads: int) -> None:
         self.folder, self.threads = folder, threads
@@ -44,7 +44,7 @@ class Work:
     def done(
         self, name: str, declared: Stage, parameters: Parameters, inputs: Mapping[str, Artifact | tuple[Artifact, ...]]
     ) -> dict[str, Artifact]:
-        """What the stage made, now or earlier; its log and seconds are printed."""
+        """The outputs of a stage, which runs unless they exist. If it runs, its log and seconds are printed."""
         folder = self.folder / name
         if all((folder / output).is_dir() for output in declared.outputs):
             return {output: load(folder / output) for output in declared.outputs}
@@ -83,7 +83,7 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 def report(work: Work, method: str, made: Mapping[str, Artifact], cover: Artifact, views: Artifact) -> None:
-    """Scores on test views, bytes, and the time of a frame."""
+    """Print scores on test views, sizes in bytes, and the time of a frame."""
     container = made["splats"] if method == PLAIN else made["container"]
     inputs: dict[str, Artifact | tuple[Artifact, ...]] = {"container": container, "cover": cover}
     hidden: dict[str, Artifact | tuple[Artifact, ...]] = {}

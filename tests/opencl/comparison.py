@@ -1,4 +1,4 @@
-"""Comparing two rasterizers that round differently: tight where pictures are smooth, bounded and unbiased elsewhere."""
+"""Compares two rasterizers that round differently: tightly where pictures are smooth, for bounds and bias elsewhere."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from tests.opencl.scenes import Scene
 NAMES = ("means", "quats", "scales", "opacities", "features", "background")
 _MOST_STANDARD_DEVIATIONS = 4.0
 _SMALL_GRADIENT = 1e-3
-"""Where pixels have weights of about 1, a gradient smaller than this is itself but rounding: a background's, behind
+"""If pixels have weights of about 1, a gradient smaller than this is nothing but rounding: a background's, behind
 opaque layers."""
 
 
 @dataclass(frozen=True)
 class Tolerance:
-    """How far apart two sound rasterizers may be."""
+    """How far two correct rasterizers may differ."""
 
     values: float
-    """Of a smooth pixel, where 1 is the range of the features."""
+    """Difference in a smooth pixel, where 1 is the range of the features."""
     margin: float
     """Relative distance from a threshold within which rounding may decide."""
     depth_margin: float
     gradients: float
-    """Relative, of each input's whole gradient, from smooth pixels."""
+    """Relative error of each input's whole gradient, from smooth pixels."""
     gradients_at_thresholds: float
     """The same from all pixels."""
 
@@ -39,7 +39,7 @@ FLOAT64 = Tolerance(values=1e-10, margin=1e-8, depth_margin=1e-14, gradients=1e-
 
 
 def discontinuities_of(scene: Scene, tolerance: Tolerance, cut_sigmas: float | None = None) -> Discontinuities:
-    """At the tolerance's margins; fails where too little of the picture is left for a comparison to mean anything."""
+    """Discontinuities at the tolerance's margins. Fails if too little of the picture is smooth for a comparison."""
     found = find_discontinuities(scene, tolerance.margin, tolerance.depth_margin, cut_sigmas)
     smooth = found.smooth.double().mean().item()
     assert smooth > 0.3, f"only {smooth:.0%} of the picture is smooth: the comparison would be empty"
@@ -49,7 +49,7 @@ def discontinuities_of(scene: Scene, tolerance: Tolerance, cut_sigmas: float | N
 def compare_pictures(
     found: RasterOutput, expected: RasterOutput, scene: Scene, at: Discontinuities, tolerance: Tolerance
 ) -> None:
-    """Features and alphas. Where `at.cut`, `expected` may lack what `found` draws, but not the reverse."""
+    """Compare features and alphas. Where `at.cut`, `expected` may lack what `found` draws, but not the reverse."""
     background = scene.background.double()
     colors = torch.cat([scene.features.double(), background[None]])
     spread = colors.amax(dim=0) - colors.amin(dim=0)
@@ -63,7 +63,7 @@ def compare_pictures(
 
 
 def _other_influence(at: Discontinuities) -> Tensor:
-    """Where nothing is cut, differences may have any sign; where something is, a little of them may."""
+    """The influence for which differences may have any sign: all of it where nothing is cut, a little elsewhere."""
     return torch.where(at.cut, 0.05 * at.influence, at.influence)
 
 
@@ -78,7 +78,7 @@ def _check_bound(what: str, differences: Tensor, allowed: Tensor) -> None:
 
 
 def _check_bias(differences: Tensor, tolerance: Tolerance) -> None:
-    """Where rounding decides, it decides for either side as often: the differences' sum is that of a random walk."""
+    """Rounding decides for either side equally often, so the sum of the differences is that of a random walk."""
     turned = differences[differences.abs() > tolerance.values]
     if len(turned) == 0:
         return
@@ -89,7 +89,7 @@ def _check_bias(differences: Tensor, tolerance: Tolerance) -> None:
 
 
 def gradients_from(draw: Callable[..., RasterOutput], scene: Scene, pixels: Tensor, seed: int = 0) -> dict[str, Tensor]:
-    """Of a random linear function of features and alphas at `pixels` ([height, width], bool), by input's name."""
+    """Gradients of a random linear function of features and alphas at `pixels` ([height, width], bool), by input."""
     leaves = {name: getattr(scene, name).clone().requires_grad_() for name in NAMES}
     changed = replace(scene, **leaves)
     output = draw(*changed.gaussians, *changed.camera, changed.background, changed.settings)
@@ -102,7 +102,7 @@ def gradients_from(draw: Callable[..., RasterOutput], scene: Scene, pixels: Tens
 
 
 def compare_gradients(found: dict[str, Tensor], expected: dict[str, Tensor], relative: float) -> None:
-    """Each input's gradient as a whole; none may be there where the other is not."""
+    """Compare each input's gradient as a whole; if none is expected, none may be found."""
     for name, wanted in expected.items():
         error = (found[name].double() - wanted.double()).norm().item()
         allowed = relative * (wanted.double().norm().item() + _SMALL_GRADIENT)

@@ -13,7 +13,7 @@ from opencl.device import choose_device
 
 @pytest.fixture(scope="session", autouse=True)
 def gpu_kernels_as_they_are_written() -> Iterator[None]:
-    """On a CPU, where tests alone run them, PoCL takes four to nine times as long to optimise as to compile them."""
+    """Do not optimise GPU kernels on CPUs, where only tests run them: that takes 4 to 9 times as long as compiling."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(BUILD_OPTIONS, "gpu", (*BUILD_OPTIONS["gpu"], "-cl-opt-disable"))
         yield

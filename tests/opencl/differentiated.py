@@ -1,4 +1,4 @@
-"""Results with their gradients, to be compared between two ways of computing them."""
+"""Results with their gradients, for comparing two ways of computing them."""
 
 from __future__ import annotations
 

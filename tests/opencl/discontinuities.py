@@ -1,4 +1,4 @@
-"""Where a rasterizer is discontinuous: pixels at which rounding decides what is drawn, and how much hangs on it."""
+"""Where a rasterizer is discontinuous: pixels at which rounding decides what is drawn, and how much depends on it."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ if TYPE_CHECKING:
 
 
 _NEGLIGIBLE = 1e-13
-"""Share of a pixel on which nothing depends, whatever is decided there: it lies behind opaque layers."""
+"""A share of a pixel so small that no decision about it matters: it lies behind opaque layers."""
 
 
 @dataclass(frozen=True)
 class Discontinuities:
-    """All [height, width]."""
+    """The discontinuities of a picture. All tensors are [height, width]."""
 
     influence: Tensor
-    """The share of the pixel that depends on decisions which rounding may turn: 0 where there is none."""
+    """The share of the pixel that depends on decisions that rounding may reverse; 0 if there are none."""
     kinks: Tensor
-    """Where alpha is next to its clamp: the picture is continuous there, its gradient is not."""
+    """Where alpha is close to its clamp: the picture is continuous there, but its gradient is not."""
     cut: Tensor
     """Where a Gaussian is drawn beyond the radius at which another rasterizer may cut it off."""
 
     @property
     def smooth(self) -> Tensor:
-        """Where pictures and gradients are to agree but for rounding."""
+        """Where pictures and gradients must agree up to rounding."""
         return (self.influence == 0) & ~self.kinks
 
 
@@ -41,10 +41,10 @@ def find_discontinuities(
     """Walk all Gaussians front to back in float64.
 
     Args:
-        margin: how near alpha and transmittance must come to a threshold, relatively.
-        depth_margin: how near two depths must be, relatively, for their order to be undecided; negative: never.
-        cut_sigmas: the other rasterizer may leave out pixels farther than so many standard deviations of the longest
-            axis, across or down.
+        margin: relative distance from a threshold within which alpha and transmittance are undecided.
+        depth_margin: relative distance of two depths within which their order is undecided; negative: never.
+        cut_sigmas: the other rasterizer may omit pixels that are farther from the centre, horizontally or vertically,
+            than so many standard deviations of the longest axis.
     """
     scene = scene.to(torch.float64)
     projected = project_reference(*scene.gaussians, *scene.camera, scene.settings)
@@ -57,7 +57,7 @@ def find_discontinuities(
 
 
 class _Walk:
-    """The state of all pixels on the way from front to back."""
+    """The state of all pixels while walking from front to back."""
 
     def __init__(self, scene: Scene, projected: ProjectedGaussians, margin: float, depth_margin: float) -> None:
         self._scene, self._projected = scene, projected
@@ -67,13 +67,13 @@ class _Walk:
         )
         self._pixels = torch.stack([columns, rows], dim=-1)
         self._transmittance = torch.ones_like(rows)
-        self._doubt = torch.zeros_like(rows)  # of the transmittance, relatively
+        self._doubt = torch.zeros_like(rows)  # relative, of the transmittance
         self._last_depth, self._tied_alpha = -torch.inf, torch.zeros_like(rows)
         self.influence = torch.zeros_like(rows)
         self.kinks, self.cut = torch.zeros_like(rows, dtype=torch.bool), torch.zeros_like(rows, dtype=torch.bool)
 
     def step(self, index: int, cut_sigmas: float | None) -> None:
-        """The next Gaussian."""
+        """Process the next Gaussian."""
         settings = self._scene.settings
         offset = self._pixels - self._projected.means[index]
         covariance = self._projected.covariances[index]
@@ -103,7 +103,7 @@ class _Walk:
         self._transmittance = torch.where(drawn, after, torch.where(finished & ~ends, 0.0, self._transmittance))
 
     def _tie(self, index: int, alpha: Tensor, share: Tensor) -> None:
-        """Two Gaussians whose order is undecided: what one takes from the other's light."""
+        """Add the influence of an undecided order of Gaussians: what one takes from the other's light."""
         depth = float(self._projected.depths[index])
         if depth - self._last_depth > self._depth_margin * depth:
             self._tied_alpha = torch.zeros_like(alpha)

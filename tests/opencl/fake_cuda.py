@@ -1,7 +1,7 @@
-"""A CUDA driver without a GPU: called through the same C interface, it runs the kernels by OpenCL on the CPU.
+"""A fake CUDA driver without a GPU: called through the same C interface, it runs the kernels by OpenCL on the CPU.
 
-Each function is a C callback of the driver's own prototype, so what arrives is what libcuda would get. A program's
-"PTX" has its kernels' signatures as NVIDIA's compiler writes them, and names the OpenCL program that runs instead.
+Each function is a C callback with the driver's own prototype, so it receives what libcuda would. A program's "PTX" has
+its kernels' signatures as NVIDIA's compiler writes them, and names the OpenCL program that runs instead.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ HEADER = """\
 
 
 class FakeCuda:
-    """One device, of PCI location 0:65:0. `calls` are the functions called, `status` is what they return."""
+    """One device, at PCI location 0:65:0. `calls` lists the functions called; `status` sets the errors they return."""
 
     def __init__(self, context: pyopencl.Context) -> None:
         self.context = context
@@ -47,7 +47,7 @@ class FakeCuda:
         self.status: dict[str, int] = {}
         self.current: list[int] = []
         self.largest_group, self.registers, self.private_bytes = 1024, 40, 16
-        self.runs = True  # else launches are only noted
+        self.runs = True  # otherwise launches are only recorded
         self.images: list[str] = []
         self._programs: list[pyopencl.Program] = []
         self._functions: list[tuple[pyopencl.Kernel, list[int]]] = []
@@ -63,7 +63,7 @@ class FakeCuda:
         return ctypes.CFUNCTYPE(c_int, *arguments)(call)
 
     def compile_program(self, program: ProgramKey) -> bytes:
-        """As `CudaBackend` asks for it."""
+        """The compiler for `CudaBackend`."""
         options = [*BUILD_OPTIONS[program.schedule], "-cl-kernel-arg-info"]
         built = pyopencl.Program(self.context, program.text()).build(options=options)
         self._programs.append(built)
@@ -76,7 +76,7 @@ class FakeCuda:
             entries.append(f".entry {name}(\n{parameters}\n)\n{{\n\tmov.b32\t%r1, %envreg3;\n\tret;\n\n}}\n")
         return (HEADER + "".join(entries)).encode() + b"\0"
 
-    # What the driver's functions do, by their names.
+    # The driver's functions, by name.
 
     def _cuGetErrorName(self, status, name):
         name[0] = c_char_p(f"CUDA_ERROR_{status}".encode())
@@ -138,7 +138,7 @@ class FakeCuda:
 
 
 def backend_on(cuda: FakeCuda, monkeypatch: pytest.MonkeyPatch) -> CudaBackend:
-    """The backend of the driver's device, in whose place torch's CPU stands; with the CPU schedule's kernels."""
+    """The backend of the fake device, for which torch's CPU stands in; with the kernels of the CPU schedule."""
 
     @contextmanager
     def torch_device(device: torch.device) -> Iterator[None]:
@@ -152,7 +152,7 @@ def backend_on(cuda: FakeCuda, monkeypatch: pytest.MonkeyPatch) -> CudaBackend:
         choose_device(), CudaDriver(cuda.functions), torch.device("cpu"), compile_program=cuda.compile_program
     )
     assert made.schedule == "gpu"
-    made.schedule = "cpu"  # whose kernels the driver's device runs
+    made.schedule = "cpu"  # the fake device is a CPU
     return made
 
 
@@ -168,5 +168,5 @@ def _value(address: int, size: int) -> int:
 
 
 def _memory(address: int) -> pyopencl.SVM | None:
-    """The kernel gets the address itself."""
+    """An address as a kernel's argument; the kernel receives the address itself."""
     return pyopencl.SVM(np.ctypeslib.as_array((ctypes.c_char * 1).from_address(address))) if address else None

@@ -1,7 +1,10 @@
-"""What runs under Oclgrind: `python -m tests.opencl.oclgrind_job draw SCHEDULE FEATURE_DIM DTYPE`, `crowd SCHEDULE`,
-`convolve`, `decode_pixels`, `separate` or `broken`.
+"""The jobs that run under Oclgrind.
 
-Oclgrind interprets kernels, so the picture is small. The broken kernels prove that its reports reach the test.
+    python -m tests.opencl.oclgrind_job draw SCHEDULE FEATURE_DIM DTYPE
+    python -m tests.opencl.oclgrind_job crowd SCHEDULE
+    python -m tests.opencl.oclgrind_job convolve|decode_pixels|separate|broken
+
+Oclgrind interprets kernels, so pictures are small. The broken kernels prove that its reports reach the test.
 """
 
 from __future__ import annotations
@@ -36,12 +39,12 @@ BROKEN = {
 
 
 def draw(schedule: Schedule, feature_dim: int, dtype: str) -> None:
-    """Forward and backward of 20 Gaussians on a tile and a half; prints how far they are from the reference."""
+    """Draw 20 Gaussians on one and a half tiles, forward and backward; print the error against the reference."""
     print_error(schedule, make_scene(20, feature_dim, 24, 16, dtype=dtype_of(dtype)))
 
 
 def crowd(schedule: Schedule) -> None:
-    """The same of one tile that so many reach that they come in several batches, with all that can be asked for."""
+    """The same for a tile with several batches of Gaussians; with absolute gradients and pixel counts."""
     scene = make_scene(300, 3, 16, 16, opacity=(0.01, 0.05), dtype=dtype_of("float32"))
     print_error(schedule, scene, absolute_gradients=True, count_pixels=True)
 
@@ -57,7 +60,7 @@ def print_error(schedule: Schedule, scene: Scene, **wishes: bool) -> None:
 
 
 def convolve() -> None:
-    """Forward and backward of two small pictures whose last tiles stick out; prints how far they are from torch's."""
+    """Convolve two small pictures whose last tiles extend beyond them, both ways; print the error against torch."""
     leaves = test_convolution.inputs(2, 16, 32, 5, 11)
     backend = backend_of("cpu")
     convolution.backend_in_place = lambda: backend
@@ -68,7 +71,7 @@ def convolve() -> None:
 
 
 def decode_pixels() -> None:
-    """The same of a decoder of single pixels, of which the last chunk has one."""
+    """The same for a pixel decoder, with one pixel in the last chunk."""
     leaves = test_pixel_decoder.decoder(33, 5, 32, 3)
     listed = test_pixel_decoder.listed(*leaves)
     backend = backend_of("cpu")
@@ -80,7 +83,7 @@ def decode_pixels() -> None:
 
 
 def separate() -> None:
-    """The same of what keeps pictures apart, of which the last chunk has one Gaussian."""
+    """The same for the separation penalty, with one Gaussian in the last chunk."""
     features, directions, readings = test_separation.inputs(33, 5, 2, 3)
     backend = backend_of("cpu")
     separation.backend_in_place = lambda: backend
@@ -95,7 +98,7 @@ def largest_error(found: list[Tensor], expected: list[Tensor]) -> float:
 
 
 def run_broken() -> None:
-    """Two groups of four work-items of each kernel over eight integers; prints the names."""
+    """Run each kernel of BROKEN in two groups of four work-items on eight integers, and print its name."""
     context = pyopencl.Context([choose_device().handle])
     queue = pyopencl.CommandQueue(context)
     for name, body in BROKEN.items():

@@ -1,4 +1,4 @@
-"""OpenCL devices that are only pretended: GPUs, where there are none."""
+"""Fake OpenCL devices: GPUs on machines that have none."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from opencl.device import Device
 
 @dataclass(frozen=True)
 class FakeHandle:
-    """As much of a pyopencl.Device as choosing asks for."""
+    """The part of a pyopencl.Device that is needed for choosing a device."""
 
     platform: SimpleNamespace = field(hash=False)
     name: str

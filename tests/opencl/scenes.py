@@ -1,4 +1,4 @@
-"""Small scenes for the rasterizer's tests, and which of their pixels lie on a threshold."""
+"""Small scenes for the rasterizer's tests, and which of their pixels are at a threshold."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from tests.opencl.discontinuities import find_discontinuities
 
 DEFAULT = RasterSettings()
 FAINT = RasterSettings(alpha_minimum=1e-7)
-"""With rims so faint that it hardly matters on which side of the threshold a pixel falls. Every further settings would
-be compiled anew: seconds for each schedule and precision."""
+"""Gaussians with edges so faint that it hardly matters on which side of the threshold a pixel is. Tests share these
+settings, as any others would be compiled anew: seconds for each schedule and precision."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Scene:
         return replace(self, **tensors)
 
     def only(self, chosen: Tensor) -> Scene:
-        """The same scene with some of its Gaussians."""
+        """The same scene with only some of its Gaussians."""
         means, quats, scales, opacities, features = (tensor[chosen] for tensor in self.gaussians)
         return replace(self, means=means, quats=quats, scales=scales, opacities=opacities, features=features)
 
@@ -69,7 +69,7 @@ def make_scene(
     dtype: torch.dtype = torch.float64,
     settings: RasterSettings = DEFAULT,
 ) -> Scene:
-    """Gaussians in a box before a turned camera whose principal point is off the middle."""
+    """Random Gaussians in a box in front of a rotated camera with an off-centre principal point."""
     random = torch.Generator().manual_seed(seed)
 
     def uniform(*shape: int, low: float = 0.0, high: float = 1.0) -> Tensor:
@@ -108,7 +108,7 @@ def one_gaussian(
     dtype: torch.dtype = torch.float64,
     settings: RasterSettings = DEFAULT,
 ) -> Scene:
-    """A single Gaussian of feature 1 in the frame of a camera of focal length 20, over a background of 0."""
+    """A single Gaussian with feature 1, in the frame of a camera with focal length 20, on a background of 0."""
     return Scene(
         means=torch.tensor([centre], dtype=dtype),
         quats=torch.tensor([[1.0, 0.0, 0.0, 0.0]], dtype=dtype),
@@ -125,15 +125,15 @@ def one_gaussian(
 
 
 def near_a_threshold(scene: Scene, margin: float = 1e-3) -> Tensor:
-    """[height, width]: pixels where alpha or transmittance comes within `margin`, relatively, of where drawing changes.
+    """[height, width]: pixels where alpha or transmittance comes within a relative `margin` of a threshold.
 
-    There two exact rasterizers may differ by a whole Gaussian, so comparisons leave these pixels out.
+    There, two exact rasterizers may differ by a whole Gaussian, so comparisons exclude these pixels.
     """
     return find_discontinuities(scene, margin).influence > 0
 
 
 def gradients(output: RasterOutput, leaves: tuple[Tensor, ...], seed: int = 0) -> tuple[Tensor, ...]:
-    """Of a random linear function of features and alphas, for the leaves and the centres on the screen."""
+    """Gradients of a random linear function of features and alphas, for the leaves and for `means2d`."""
     random = torch.Generator().manual_seed(seed)
     weights = torch.randn(output.features.shape, generator=random, dtype=torch.float64).to(output.features.dtype)
     alpha_weights = torch.randn(output.alphas.shape, generator=random, dtype=torch.float64).to(output.alphas.dtype)

@@ -51,7 +51,7 @@ def scene_and_inputs(**changes):
 
 
 def counted_by_hand(scene):
-    """(Pairs of a tile and a Gaussian, of a pixel and a Gaussian there, contributing pairs), pixel by pixel."""
+    """Numbers of (tile, Gaussian) pairs, of (pixel, Gaussian) pairs in them, and of contributing ones, by pixel."""
     scene = scene.to(torch.float64)
     projected = project_reference(*scene.gaussians, *scene.camera, scene.settings)
     order = projected.visible.nonzero().squeeze(-1)
@@ -127,7 +127,7 @@ def test_a_kernel_at_the_limit_is_at_one():
     assert half.arithmetic is not None
     at_limit = kernel_share("blend", half.arithmetic, counts, limits)
     assert at_limit.arithmetic == pytest.approx(1)
-    # Two operations a feature and pair: what M adds is counted exactly.
+    # Two operations per feature and pair: what M adds is counted exactly.
     more = kernel_share("blend", 1.0, Counts(1000, 900, 4000, 1_000_000, 200_000, 65_536, 17, 5.0), limits)
     assert more.arithmetic - half.arithmetic == pytest.approx(2 * 200_000 / 1e9)
     unknown = kernel_share("shuffle", 1.0, counts, limits)
@@ -147,7 +147,7 @@ def no_peer_installed(monkeypatch):
     monkeypatch.setattr(implementations.importlib.util, "find_spec", lambda name: None)
 
 
-@pytest.mark.slow  # in processes of their own; the others here measure in this one
+@pytest.mark.slow  # measures in separate processes; the others here measure in this one
 @pytest.mark.usefixtures("no_peer_installed")
 def test_the_command_prints_tables(capsys):
     assert main(["bench", "--workload", TINY, "--repetitions", "1"]) == 0
@@ -202,6 +202,6 @@ def test_the_command_says_where_tensors_are_copied(shares_memory, copies, capsys
     ],
 )
 def test_the_command_says_what_is_wrong(arguments, message, capsys, monkeypatch):
-    monkeypatch.setenv("GS_HIDER_DEVICE", "")  # so that it is as before afterwards
+    monkeypatch.setenv("GS_HIDER_DEVICE", "")  # so that it is restored afterwards
     assert main(["bench", *arguments]) == 2
     assert message in capsys.readouterr().err

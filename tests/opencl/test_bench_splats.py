@@ -1,4 +1,4 @@
-"""Trained scenes from files: small ones written here, and the real ones where they are at hand."""
+"""Trained scenes from files: small ones written here, and real ones where available."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def pack(values: list[int], bits: tuple[int, ...]) -> int:
 
 
 def compressed_ply(vertices: list[list[int]], chunks: list[list[float]], colors_have_range: bool = True) -> bytes:
-    """`vertices` as in PACKED; `chunks` least values, then largest, each as in CHUNK."""
+    """`vertices` have the columns PACKED; `chunks` have minima, then maxima, each with the columns CHUNK."""
     names = CHUNK if colors_have_range else CHUNK[:6]
     header = [
         *("ply", "format binary_little_endian 1.0", "comment by a test", f"element chunk {len(chunks)}"),
@@ -175,7 +175,7 @@ def test_the_ring_looks_at_the_middle():
     assert torch.pdist(torch.stack(centres)).min() > 0.5
 
 
-# The pictures were looked at: a truck and a biker, upright and sharp. These figures hold that they stay so.
+# The pictures were inspected: a truck and a biker, upright and sharp. These figures ensure that they stay so.
 @pytest.mark.skipif(not REAL.is_dir(), reason="the real scenes are not at hand")
 @pytest.mark.parametrize(
     ("name", "count", "covered", "color"),

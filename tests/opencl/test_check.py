@@ -1,4 +1,4 @@
-"""`python -m opencl.check`, which a run asks before it begins."""
+"""`python -m opencl.check`, which every run calls before it begins."""
 
 import os
 import subprocess
@@ -35,7 +35,7 @@ def test_one_that_is_not():
 
 
 def test_no_driver(monkeypatch, capsys):
-    """There is none to choose: what helps is told, and nothing else."""
+    """The message does not offer a choice of devices, since there are none; it says only what to install."""
     found: list[Device] = []
     monkeypatch.setattr("opencl.device.list_devices", lambda: found)
     monkeypatch.setattr("opencl.check.list_devices", lambda: found)
@@ -65,14 +65,14 @@ def nvidia_without_opencl(monkeypatch):
 
 @pytest.fixture
 def nvidia(nvidia_without_opencl, monkeypatch):
-    """OpenCL sees its GPU, too."""
+    """The same, but OpenCL sees the GPU, too."""
     found = [*list_devices(), gpu()]
     monkeypatch.setattr("opencl.device.list_devices", lambda: found)
     monkeypatch.setattr(check, "list_devices", lambda: found)
 
 
 def test_a_gpu_that_opencl_does_not_see(nvidia_without_opencl, capsys):
-    """A run would copy every tensor to a CPU and be drawn there, for days."""
+    """A run would copy every tensor to a CPU and draw there, for days."""
     assert check.main() == 2
     assert capsys.readouterr().err == f"{MISSING_ICD}\n{way_out()}"
 
@@ -122,7 +122,7 @@ FAULTS = {
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_gpu_that_torch_does_not_work_on(nvidia, monkeypatch, capsys, fault):
-    """A run would be the CPU's, for days, and nobody would hear of it."""
+    """A run would use the CPU, for days, without saying so."""
     fault(monkeypatch)
     assert check.main() == 2
     told, _, rest = capsys.readouterr().err.partition("\n")
@@ -131,7 +131,7 @@ def test_a_gpu_that_torch_does_not_work_on(nvidia, monkeypatch, capsys, fault):
 
 
 def test_a_gpu_that_is_asked_for_must_work_too(nvidia, monkeypatch, capsys):
-    """Or a stage would die of its first kernel, after others took hours."""
+    """Otherwise a stage would fail at its first kernel, after others have taken hours."""
     monkeypatch.setenv(DEVICE_VARIABLE, "nvidia")
     assert check.main() == 0
     no_kernels_for_it(monkeypatch)
@@ -184,7 +184,7 @@ def test_another_makers_gpu_does_the_work(nvidia_without_opencl, monkeypatch):
 
 
 def test_it_does_not_load_torch():
-    """A person waits for it."""
+    """That would take time, while a person waits."""
     script = "import sys, opencl.check; print(sorted({'torch', 'opencl.backend'} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout == "[]\n"

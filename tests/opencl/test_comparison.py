@@ -1,4 +1,4 @@
-"""The comparison's own tests: it accepts what rounding does and nothing else."""
+"""Tests of the comparison itself: it accepts differences by rounding, and nothing else."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ def sample_scene(seed: int = 0, **changes) -> Scene:
 
 
 def compare(scene: Scene, other: Scene) -> None:
-    """What float32 kernels draw of `other` with the float64 reference's picture of `scene`."""
+    """Compare `other`, drawn by float32 kernels, with the float64 reference's picture of `scene`."""
     expected = scene.to(torch.float64).draw_reference()
     compare_pictures(other.draw(), expected, scene, discontinuities_of(scene, FLOAT32), FLOAT32)
 
 
 def jittered(scene: Scene, relative: float) -> Scene:
-    """Every input off by noise of that relative size."""
+    """The scene with noise of this relative size on all values of its Gaussians."""
     random = torch.Generator().manual_seed(1)
     changed = {
         name: getattr(scene, name) * (1 + relative * torch.randn(getattr(scene, name).shape, generator=random))
@@ -91,7 +91,7 @@ def shifted(scene: Scene) -> Scene:
 
 
 def without_one(scene: Scene) -> Scene:
-    """The faintest of the Gaussians that draw anything is missing."""
+    """The scene without the faintest of its visible Gaussians."""
     visible = (scene.draw().radii > 0).nonzero().squeeze(-1)
     faintest = visible[scene.opacities[visible].argmin()]
     return scene.only(torch.arange(len(scene.means)) != faintest)

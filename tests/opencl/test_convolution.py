@@ -27,8 +27,8 @@ SHAPES = [
     (1, 64, 64, 33, 40),
     (2, 16, 32, 61, 47),
 ]
-"""Pictures, channels in and out, height and width: less than a tile, tiles that stick out, several chunks, and several
-of them for each work-item."""
+"""(Pictures, channels in and out, height, width): less than a tile, tiles that extend beyond the picture, several
+chunks, and several chunks for each work-item."""
 
 
 def inputs(pictures: int, channels: int, outputs: int, height: int, width: int) -> tuple[Tensor, Tensor, Tensor]:
@@ -74,7 +74,7 @@ def test_gradients_against_finite_differences() -> None:
 
 @pytest.mark.parametrize("rectified", [False, True])
 def test_float32_rounds_little(rectified: bool) -> None:
-    """By less than ten times what torch's own convolution does."""
+    """The relative error of results and gradients is below 1e-5."""
     leaves = inputs(1, 64, 64, 50, 28)
     single = [tensor.detach().float().requires_grad_() for tensor in leaves]
     found = with_gradients(convolve(*single, rectified), single)
@@ -94,7 +94,7 @@ def test_a_processor_with_narrow_registers_computes_the_same(monkeypatch: pytest
 
 @pytest.mark.parametrize("items", [1, 3, 24])
 def test_who_takes_which_tiles_does_not_matter(monkeypatch: pytest.MonkeyPatch, items: int) -> None:
-    """To the last bit, for pictures and the gradient of the values; that of the weights is always of as many parts."""
+    """To the last bit. The gradient of the weights is always the sum of the same number of parts, so it is included."""
     leaves = inputs(2, 16, 32, 61, 47)
     usual = with_gradients(convolve(*leaves, True), leaves)
     monkeypatch.setattr(convolution, "work_items", lambda backend, chunks: items)
@@ -151,7 +151,7 @@ def test_only_what_is_asked_for_has_a_gradient() -> None:
 
 
 def test_what_is_not_a_number_stays_one() -> None:
-    """Where torch's is none, and beyond it in no other tile of 4 x 4 than sees it."""
+    """The result is NaN wherever torch's is, and otherwise only in the 4 x 4 tile that reads the value."""
     values, weight, bias = (tensor.detach() for tensor in inputs(1, 16, 16, 12, 12))
     values[0, 3, 5, 5] = torch.nan
     lost = convolve(values, weight, bias, True).isnan()

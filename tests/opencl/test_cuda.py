@@ -1,4 +1,4 @@
-"""The route through the CUDA driver, on a driver that runs the kernels by OpenCL on the CPU."""
+"""The route through the CUDA driver, on a fake driver that runs the kernels by OpenCL on the CPU."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def backend(cuda, monkeypatch) -> CudaBackend:
 
 
 def place_tiles(session, *, tiles=3, places=None, starts=None, totals=None, **options):
-    """A small kernel: (int, int *, int *, long *)."""
+    """Launch a small kernel with the parameters (int, int *, int *, long *)."""
     places = torch.ones(32 * 3, dtype=torch.int32) if places is None else places
     starts = torch.empty(4, dtype=torch.int32) if starts is None else starts
     totals = torch.zeros(33, dtype=torch.int64) if totals is None else totals
@@ -47,7 +47,7 @@ def place_tiles(session, *, tiles=3, places=None, starts=None, totals=None, **op
 
 
 class StandIn:
-    """A tensor that notes how it is copied."""
+    """A fake tensor that records how it is copied."""
 
     def __init__(self, **facts):
         self.facts = {"is_cpu": True, "nbytes": 80, "pinned": False, "requires_grad": False} | facts
@@ -68,7 +68,7 @@ class StandIn:
 
 
 def test_a_small_tensor_is_copied_by_memory_that_nobody_changes_or_frees():
-    """The device may read it when the rasterizer's own is gone already, as its cameras are."""
+    """The device may read it after the rasterizer has freed its own tensor, such as a camera."""
     camera = StandIn()
     moved(camera, torch.device("cuda:0"))
     assert camera.copies == ["pinned memory of torch's own", (torch.device("cuda:0"), "later")]
@@ -77,7 +77,7 @@ def test_a_small_tensor_is_copied_by_memory_that_nobody_changes_or_frees():
 @pytest.mark.parametrize(
     ("facts", "device"),
     [
-        ({"pinned": True}, "cuda:0"),  # whose owner may change it
+        ({"pinned": True}, "cuda:0"),  # its owner may change it
         ({"nbytes": 2**20}, "cuda:0"),
         ({"requires_grad": True}, "cuda:0"),
         ({"is_cpu": False}, "cpu"),
@@ -126,7 +126,7 @@ def similarity_and_gradient(dtype):
 
 
 def colors_and_gradients(dtype):
-    """Of a constant harmonic alone, where `rest` is empty and a kernel gets no address for it; and of all of them."""
+    """For the constant harmonic alone, whose empty `rest` has no address for the kernel, and for all harmonics."""
     random = torch.Generator().manual_seed(0)
     found = []
     for degree in (0, 3):
@@ -151,7 +151,7 @@ def test_torch_sorts_as_the_kernels_do(cuda, backend, dtype):
         lists.append(sort_into_tiles(one, scene.settings, *size, records, radii, depth_keys, True))
     assert (radii == 0).any()
     found, expected = lists
-    have_slots = expected.tile_counts > 0  # others' first slots are nowhere
+    have_slots = expected.tile_counts > 0  # the first slots of others are undefined
     for name in ("starts", "entries", "slots", "tile_counts"):
         assert torch.equal(getattr(found, name), getattr(expected, name)), name
         assert getattr(found, name).dtype == torch.int32
@@ -323,7 +323,7 @@ def test_launches_are_timed(cuda, backend, monkeypatch):
 
     def sleep(cycles):
         assert cycles > 0
-        assert Event.clock == 0  # nothing is recorded yet: both records and the launch wait behind this
+        assert Event.clock == 0  # nothing is recorded yet: both events and the launch are queued behind this
         cuda.calls.append("torch.cuda._sleep")
 
     monkeypatch.setattr(torch.cuda, "Event", Event)

@@ -19,17 +19,17 @@ from opencl.rasterizer import _rasterize_on
 from tests.opencl.scenes import Scene, gradients, make_scene
 
 GPU_ON_DEMAND = pytest.mark.parametrize("schedule", ["cpu", pytest.param("gpu", marks=pytest.mark.slow)])
-"""On a GPU, `tests.benchmarks.nvidia` asks the same of its kernels."""
+"""On a GPU, `tests.benchmarks.nvidia` checks the same."""
 
 
 def draw(backend: Backend, scene: Scene) -> tuple[RasterOutput, tuple[Tensor, ...]]:
-    """A picture, and what it is drawn from."""
+    """A picture, and the leaves that it is drawn from."""
     leaves = tuple(tensor.clone().requires_grad_() for tensor in (*scene.gaussians, scene.background))
     return _rasterize_on(backend, *leaves[:5], *scene.camera, leaves[5], scene.settings), leaves
 
 
 def digest(backend: Backend) -> str:
-    """Of a picture and all its gradients."""
+    """A hash of a picture and all its gradients."""
     scene = make_scene(count=2000, feature_dim=16, width=130, height=90, size=0.1, dtype=torch.float32)
     output, leaves = draw(backend, scene)
     hasher = hashlib.sha256()
@@ -55,7 +55,7 @@ def test_any_number_of_threads(schedule, tmp_path):
         environment = os.environ | {
             "POCL_MAX_PTHREAD_COUNT": threads,
             "OMP_NUM_THREADS": threads,
-            "POCL_CACHE_DIR": str(tmp_path),  # one after the other, so they may share it
+            "POCL_CACHE_DIR": str(tmp_path),  # the processes run one after the other, so they may share it
         }
         code = f"from tests.opencl.test_determinism import digest_on; print(digest_on({schedule!r}))"
         done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)

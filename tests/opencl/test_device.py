@@ -1,4 +1,4 @@
-"""Choosing a device, and directories of compiled kernels for each process."""
+"""Choosing a device, and a directory of compiled kernels for each process."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_the_description_names_platform_and_device():
 
 
 def test_the_description_does_not_change_with_free_memory():
-    """It stands in checkpoints, which tell when another device goes on from them."""
+    """Checkpoints contain it, and report if another device continues from them."""
     described = "from opencl.device import choose_device; print(choose_device().describe())"
     environment = os.environ | {"POCL_MEMORY_LIMIT": "1"}  # GiB
     elsewhere = subprocess.run(
@@ -83,7 +83,7 @@ def test_a_child_does_not_take_its_parent_s_directory_for_the_user_s(tmp_path):
     assert lock is not None
     parents = inherited["POCL_CACHE_DIR"]
     assert reserve_kernel_cache(inherited) is None, "the parent asks again"
-    inherited["GS_HIDER_KERNELS_OF"] = f"{os.getpid() + 1}:{parents}"  # as another process finds it
+    inherited["GS_HIDER_KERNELS_OF"] = f"{os.getpid() + 1}:{parents}"  # as a child process finds it
     assert reserve_kernel_cache(inherited) is not None
     assert inherited["POCL_CACHE_DIR"] != parents
 
@@ -114,7 +114,7 @@ print(float(make_scene(count=3).draw().alphas.max()) > 0)
 
 @pytest.mark.parametrize("home", ["/proc", "nobody"])
 def test_where_no_home_can_be_written_all_is_drawn_nevertheless(tmp_path, home):
-    """pyopencl would keep what it generates in the home directory, too; one that nobody has is none."""
+    """pyopencl also keeps generated code in the home directory; a user without an entry in `pwd` has none."""
     environment = {name: value for name, value in os.environ.items() if name in ("PATH", "PYTHONPATH")}
     environment |= {"TMPDIR": str(tmp_path)} | ({} if home == "nobody" else {"HOME": home})
     command = [sys.executable, "-c", DRAW, home]
@@ -173,7 +173,7 @@ def test_a_processor_is_named_where_pocl_does_not_know_it_or_its_avx_512(monkeyp
 
 
 def test_built_in_functions_on_whole_registers_can_be_built():
-    """PoCL 3.0 ended the process at a double8's square root on Zen 4."""
+    """PoCL 3.0 crashed on Zen 4 when it built the square root of a double8."""
     backend = default_backend()
     text = "kernel void root(global double8 *x) { x[0] = sqrt(x[0]); }"
     program = pyopencl.Program(backend.context, text).build(cache_dir=False)

@@ -62,7 +62,7 @@ def test_larger_than_the_picture(dtype, size):
 
 
 def test_reach_within_a_strip_of_tiles():
-    # Long and slanted: in each row of tiles it must be listed for exactly the tiles that it crosses.
+    # Long and slanted: in each row of tiles, it must be listed for exactly the tiles that it crosses.
     scene = one_gaussian(scales=(3.0, 0.02, 0.02), width=150, height=130, opacity=1.0)
     for turn in (0.0, 0.3, 0.8, 1.5, 2.2, 3.0):
         scene.quats.copy_(torch.tensor([[1.0, 0.0, 0.0, turn]]))

@@ -1,4 +1,4 @@
-"""What kernels differentiate is differentiated once: a second time is refused, however it would reach the inputs."""
+"""Kernels compute first gradients only: second ones are refused, however they would depend on the inputs."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ of_every_kernel = pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: 
 
 @of_every_kernel
 def test_second_gradients_are_refused(kernel: Callable[[], tuple[Function, Tensor]]) -> None:
-    """Of a sum: the gradient that comes in is of ones, and nothing in it tells of the inputs."""
+    """Even for a sum, whose incoming gradient consists of ones that do not depend on the inputs."""
     function, values = kernel()
     values.requires_grad_()
     with pytest.raises(RuntimeError, match="found create_graph=True, expected none: kernels compute first gradients"):

@@ -1,4 +1,4 @@
-"""What is too large for the memory there is gets a message: the system would end the process at its first touch."""
+"""Tensors too large for the free memory are refused with a message: the system would kill the process on access."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_what_there_is_no_room_for_is_refused_with_a_way_out(monkeypatch: pytest
 
 
 def test_what_the_system_refuses_is_refused_with_a_way_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    """By a limit that nothing tells of beforehand, such as ulimit's."""
+    """The system may have a limit that cannot be read beforehand, such as ulimit's."""
 
     def no_room(size: int, dtype: type) -> None:
         raise MemoryError("Unable to allocate")

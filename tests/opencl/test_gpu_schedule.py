@@ -54,7 +54,7 @@ def sort(backend: Backend, keys: Tensor, bits: int, dtype: torch.dtype) -> tuple
     "count", [0, 1, 255, 256, 257, SCAN_CHUNK - 1, SCAN_CHUNK, SCAN_CHUNK + 1, 100_000, SCAN_CHUNK**2 + 1]
 )
 def test_running_sums(backend, count):
-    # Totals beyond 2^31, as the pairs of too large Gaussians have.
+    # Totals may exceed 2^31, as the number of pairs does for Gaussians that are too large.
     values = torch.randint(0, 10**6, (count,), generator=torch.Generator().manual_seed(count))
     sums, total = scanned(backend, values)
     assert torch.equal(sums, values.cumsum(0) - values)
@@ -94,7 +94,7 @@ def test_equal_keys_keep_their_order_over_many_chunks(backend):
 
 
 def lists_of(backend: Backend, scene: Scene) -> tuple[TileLists, Tensor]:
-    """A scene's lists, and which of its Gaussians are visible."""
+    """A scene's tile lists, and which of its Gaussians are visible."""
     camera = pack_camera(*scene.camera, scene.settings)
     size = (scene.width, scene.height)
     _, records, radii, depth_keys = Project.apply(backend, scene.settings, camera, size, *scene.gaussians)
@@ -128,7 +128,7 @@ def test_slots_of_a_gaussian_lie_side_by_side(backend):
 
 
 def miscount(monkeypatch: pytest.MonkeyPatch, change: int) -> None:
-    """Make the kernel that counts tiles, and it alone, find so many more of each visible Gaussian."""
+    """Make only the kernel that counts tiles find `change` more for each visible Gaussian."""
     text = ProgramKey.text
     counted = "tile_counts[gaussian] = total;"
     wrong = f"if (radii[gaussian] > 0) total = max(total + {change}, 0); {counted}"
@@ -143,7 +143,7 @@ CROWDED.means[::9] *= -1  # behind the camera
 def test_slots_that_are_counted_and_not_filled_hurt_nobody(backend, monkeypatch, change):
     (expected, _), (output, found) = lists_of(backend, CROWDED), draw_with_gradients(backend, CROWDED)
     miscount(monkeypatch, change)
-    # What nobody writes is NaN.
+    # Values that nothing writes are NaN, or -7 as integers.
     monkeypatch.setattr(
         opencl.memory, "empty", lambda *size, dtype: torch.empty(size, dtype=dtype).fill_(NOT_WRITTEN[dtype])
     )
@@ -185,7 +185,7 @@ def test_a_gaussian_over_the_whole_picture_among_small_ones(backend):
 
 
 def test_pictures_of_every_size_are_blended_by_one_program():
-    # The CPU schedule alone writes a picture that its caches cannot hold by other instructions.
+    # Only the CPU schedule has other instructions to write a picture that exceeds its caches.
     blended = Backend(choose_device(), schedule="gpu")
     for side in (16, 1600):
         draw_on(blended, make_scene(count=1, feature_dim=4, width=side, height=side, dtype=torch.float32))

@@ -1,4 +1,4 @@
-"""Gradients by finite differences in float64, and against the reference's by autograd where steps have no gradient."""
+"""Gradients against finite differences in float64, and, where there are steps, against autograd on the reference."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ NAMES = ("means", "quats", "scales", "opacities", "features", "background")
 
 
 def _projected(scene, *leaves):
-    """Three fixed random sums of the picture: as telling as the whole picture, and cheap to differentiate."""
+    """Three fixed random sums of the picture: as informative as the whole picture, and cheap to differentiate."""
     *gaussians, background = leaves
     output = rasterize(*gaussians, *scene.camera, background, scene.settings)
     values = torch.cat([output.features.flatten(), output.alphas.flatten()])
@@ -23,7 +23,7 @@ def _projected(scene, *leaves):
     return torch.randn(3, len(values), generator=random, dtype=values.dtype) @ values
 
 
-# Opacities stay under the clamp, and few Gaussians never end a pixel: the picture is smooth but for its faint rims.
+# Opacities stay below the clamp, and so few Gaussians never end a pixel: the picture is smooth but for faint edges.
 @pytest.mark.parametrize(
     ("feature_dim", "size"),
     [
@@ -122,7 +122,7 @@ def test_moving_a_gaussian_on_the_screen_is_moving_it_in_the_world():
     scene.means.requires_grad_()
     output = scene.draw()
     output.features[:, 11:].sum().backward()
-    # x = fx X / Z, and what the depth changes in the Gaussian's size does not enter the first coordinate here.
+    # x = fx X / Z, and a small X does not change the projected size of a Gaussian on the axis.
     assert scene.means.grad[0, 0].item() == pytest.approx(20 / 2 * output.means2d.grad[0, 0].item(), rel=1e-6)
 
 

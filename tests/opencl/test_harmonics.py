@@ -25,7 +25,7 @@ def inputs(count: int, others: int = 15, dtype: torch.dtype = torch.float64) -> 
 
 
 def oracle(base: Tensor, rest: Tensor, means: Tensor, centre: Tensor, degree: int) -> Tensor:
-    """The formula, with all that torch has to say about its gradient."""
+    """The formula in plain torch, with its gradient by autograd."""
     values = harmonics(torch.nn.functional.normalize(means - centre, dim=-1), degree)
     coefficients = torch.cat([base[:, None], rest], dim=1)[:, : values.shape[1]]
     return (torch.einsum("nk,nkc->nc", values, coefficients) + 0.5).clamp_min(0)
@@ -140,7 +140,7 @@ def test_what_does_not_fit_is_refused(changes: dict, message: str) -> None:
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_a_channel_that_begins_black_can_be_told_to_rise(dtype: torch.dtype) -> None:
-    """Half a colour and its coefficient cancel to a little more or less than zero; neither may be the end of it."""
+    """0.5 and the constant term cancel to slightly more or less than zero; neither may stop the gradient."""
     means = torch.randn(500, 3, generator=torch.Generator().manual_seed(0), dtype=dtype)
     base = ((torch.zeros(500, 3, dtype=dtype) - 0.5) / BASE).requires_grad_()
     rest = torch.zeros(500, 15, 3, dtype=dtype)

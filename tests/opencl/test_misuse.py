@@ -1,4 +1,4 @@
-"""What callers get wrong, systematically: an error that names the argument, or the right picture; nothing else."""
+"""Wrong arguments, systematically: each gives an error that names it, or the right picture, and nothing else."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ LAYOUTS = {
 
 
 def drawn(changes):
-    """Picture and gradients' bits."""
+    """Outputs and gradients, to be compared bit by bit."""
     given = arguments(**changes)
     leaves = {name: given[name].detach().requires_grad_() for name in GAUSSIANS}
     output = rasterize(**(given | leaves))

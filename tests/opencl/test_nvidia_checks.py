@@ -1,4 +1,4 @@
-"""The comparisons of `tests.benchmarks.nvidia`, on the CPU: they hold of what is right and of nothing else."""
+"""The comparisons of `tests.benchmarks.nvidia`, on the CPU: they accept correct results, and nothing else."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ from tests.opencl.scenes import make_scene
 
 FEW = ((1, 1), (3, 60), (3, 0))
 GRADIENTS = range(3, 10)
-"""Of means to means2d, after alphas, radii and centres."""
+"""Places of the gradients, means to means2d, after alphas, radii and centres."""
 
 
 def spoilt(change, *, place=None, dtype=None):
-    """The CPU's drawing with a change to the picture, or to the tensor at `place` of the others."""
+    """Draws on the CPU with a change to the picture, or to the other tensor at `place`; of one dtype only, if given."""
 
     def draw(scene):
         drawing = drawn_by_cpu(scene)
@@ -106,7 +106,7 @@ def test_wrong_lists_fail(monkeypatch):
 
 @pytest.fixture(scope="module")
 def copying():
-    """Draws tensors of the CPU by copies, as a GPU does."""
+    """A backend that draws CPU tensors by copies, as on a GPU."""
     return Backend(choose_device(), schedule="gpu", shares_memory=False)
 
 

@@ -1,4 +1,4 @@
-"""`tests.benchmarks.nvidia` from end to end, on a driver and streams that are only pretended."""
+"""`tests.benchmarks.nvidia` from end to end, on a fake driver and fake streams."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SMALL = Size(points=40, width=20, height=14, feature_dim=8, layers=2, decoder_wi
 
 
 class Event:
-    """Of CUDA's."""
+    """A fake CUDA event."""
 
     def __init__(self, enable_timing):
         assert enable_timing
@@ -46,7 +46,7 @@ class Event:
 
 @pytest.fixture
 def queued(monkeypatch):
-    """What was asked of torch's streams, in order."""
+    """The names of the calls to torch's fake streams, and to `randn`, in order."""
     asked = []
 
     def noted(name, function):
@@ -89,7 +89,7 @@ def few_inputs():
 
 
 def gsplat_on_the_cpu():
-    """As much of gsplat as is called, by the names of its own parameters."""
+    """The part of gsplat that is called, with gsplat's own parameter names."""
     gsplat = pytest.importorskip("gsplat")
     signature = inspect.signature(gsplat.rasterization)
 
@@ -115,7 +115,7 @@ def test_a_gsplat_that_cannot_be_compiled_is_no_failure_of_ours(monkeypatch, cap
 
 
 @pytest.mark.usefixtures("queued", "small")
-@pytest.mark.slow  # one by one they are test_nvidia_checks.py's
+@pytest.mark.slow  # test_nvidia_checks.py has them one by one
 def test_all_checks_hold_where_the_cpu_stands_in_for_the_gpu(backend, monkeypatch, capsys, tmp_path):
     monkeypatch.setitem(sys.modules, "gsplat", gsplat_on_the_cpu())
     monkeypatch.setattr(nvidia, "gpu_backend", lambda: backend)

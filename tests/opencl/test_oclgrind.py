@@ -1,4 +1,4 @@
-"""A small picture under Oclgrind: no race, no access out of bounds, no uninitialised value, no misuse of OpenCL."""
+"""Small jobs under Oclgrind: no race, no access out of bounds, no uninitialised value, no misuse of OpenCL."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import pytest
 from tests.opencl.oclgrind_job import BROKEN
 from tests.opencl.runtimes import OCLGRIND, SCHEDULES, oclgrind_environment, run_module
 
-# Each work-item's own memory is followed without optimisation only: Oclgrind knows no `freeze`, which LLVM puts in.
+# Private memory can be tracked only without optimisation: Oclgrind does not know `freeze`, which LLVM inserts.
 FOLLOW_UNINITIALISED = {"OCLGRIND_UNINITIALIZED": "1", "OCLGRIND_BUILD_OPTIONS": "-cl-opt-disable"}
-# Nor does it get right what LLVM's vectoriser makes of the scalar projection: other gradients than PoCL's and the
-# reference's, and than its own without optimisation.
+# Oclgrind also misinterprets the scalar projection once LLVM has vectorised it: gradients differ from PoCL's, from the
+# reference's, and from its own without optimisation.
 AS_WRITTEN = {"OCLGRIND_BUILD_OPTIONS": "-cl-opt-disable"}
 BROKEN_REPORTS = {
     "write_out_of_bounds": "Invalid write",
@@ -26,7 +26,7 @@ BROKEN_REPORTS = {
 
 @pytest.fixture
 def oclgrind(tmp_path):
-    """Runs the job under Oclgrind: what it printed, and Oclgrind's reports."""
+    """A function that runs a job under Oclgrind and returns what it printed, and Oclgrind's reports."""
     environment = oclgrind_environment(tmp_path)
     if environment is None:
         pytest.skip(f"Oclgrind is not in {OCLGRIND}: `make test` installs it on Linux on x86-64")
@@ -44,7 +44,7 @@ def oclgrind(tmp_path):
 
 
 def _reports(log):
-    """Without those on pyopencl's questions about devices: it asks for what newer versions of OpenCL know."""
+    """All reports but those about pyopencl's queries of devices, which include properties of newer OpenCL versions."""
     reports = [report.strip() for report in re.split(r"\n\s*\n(?=\S)", log) if report.strip()]
     return [report for report in reports if "Function: clGetDeviceInfo" not in report]
 
@@ -55,10 +55,10 @@ def _reports(log):
     [(3, "float32"), *(pytest.param(*each, marks=pytest.mark.slow) for each in ((17, "float32"), (3, "float64")))],
 )
 def test_no_race_and_nothing_out_of_bounds(oclgrind, schedule, feature_dim, dtype):
-    """Nor, of the GPU schedule in float32, a value that nothing was written to.
+    """On the GPU schedule in float32, also no uninitialised value.
 
-    Oclgrind 21.10 cannot follow uninitialised values through shuffles of 16 lanes with unused places: its process ends.
-    `test_scratch.py` holds what the CPU schedule reads of memory that it has not written.
+    Oclgrind 21.10 crashes when it tracks uninitialised values through shuffles of 16 lanes with unused places.
+    `test_scratch.py` checks that the CPU schedule does not depend on memory that it has not written.
     """
     options = {}
     if schedule == "gpu":

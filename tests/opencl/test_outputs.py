@@ -1,4 +1,4 @@
-"""What can be asked for beside the picture: antialiasing, depths, absolute gradients, counts of pixels, batches."""
+"""Options of the rasterizer: antialiasing, depths, absolute gradients, pixel counts, and batches of cameras."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def test_pixels_of_each_gaussian_are_counted():
     scene = make_scene(count=40, size=0.4, opacity=(0.5, 1.0), width=45, height=33)
     scene.means[:5, 2] = -9.0  # behind the camera
     output = rasterize(*scene.gaussians, *scene.camera, count_pixels=True)
-    # A Gaussian whose feature is 1 where all others' are 0 shows where it is drawn.
+    # A channel where one Gaussian's feature is 1 and all others' are 0 shows where that Gaussian is drawn.
     alone = scene.only(torch.arange(40))
     shown = rasterize(*alone.gaussians[:4], torch.eye(40, dtype=torch.float64), *scene.camera).features
     assert output.pixel_counts.tolist() == (shown > 0).sum(dim=(0, 1)).tolist()

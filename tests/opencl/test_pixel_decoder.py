@@ -1,4 +1,4 @@
-"""Decoders of single pixels against their definition in plain torch, and their gradients against autograd's."""
+"""Pixel decoders against their definition in plain torch, and their gradients against autograd's."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.opencl.differentiated import with_gradients
 from tests.opencl.runtimes import bits, printed_with_threads
 
 WIDTHS = [(3, 5), (16, 32, 3), (24, 32, 32, 6), (1, 17, 48, 16, 2)]
-"""Channels of the input and of each layer: less than sixteen, just as many, and more."""
+"""Channels of the input and of each layer: fewer than sixteen, exactly sixteen, and more."""
 
 
 def decoder(pixels: int, *widths: int) -> tuple[Tensor, list[Tensor], list[Tensor]]:
@@ -41,7 +41,7 @@ def expected(picture: Tensor, weights: Sequence[Tensor], biases: Sequence[Tensor
 
 
 def listed(picture: Tensor, weights: Sequence[Tensor], biases: Sequence[Tensor]) -> list[Tensor]:
-    """All that has a gradient."""
+    """All tensors that have a gradient."""
     return [picture, *weights, *biases]
 
 
@@ -97,7 +97,7 @@ def test_a_processor_with_narrow_registers_computes_the_same(monkeypatch: pytest
 
 @pytest.mark.parametrize("items", [1, 3, 22])
 def test_who_takes_which_pixels_does_not_matter(monkeypatch: pytest.MonkeyPatch, items: int) -> None:
-    """To the last bit."""
+    """The results are the same to the last bit."""
     leaves = decoder(700, 16, 32, 3)
     usual = with_gradients(decode_pixels(*leaves), listed(*leaves))
     monkeypatch.setattr(pixel_decoder, "work_items", lambda backend, chunks: items)
@@ -127,7 +127,7 @@ def test_only_what_is_asked_for_has_a_gradient() -> None:
 
 
 def test_what_nobody_asks_for_is_not_computed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """There is no room for it."""
+    """No memory is allocated for it."""
     rooms: list[list[bool]] = []
     launch = pixel_decoder._Work.launch
 

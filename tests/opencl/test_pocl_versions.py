@@ -1,8 +1,8 @@
 """Pictures, gradients and determinism on the PoCL that is not this machine's default: PyPI's wheel or Debian's package.
 
-Each compiles kernels with an LLVM of its own, for another instruction set. A process of its own loads the other one and
-runs a file of these tests on it, without what takes long and depends on no compiler: finite differences, for which
-hundreds of pictures are drawn, beside the reference's gradients, and processes of one thread and of two.
+Each compiles kernels with its own LLVM, for a different instruction set. A separate process loads the other one and
+runs a file of tests on it, without those that take long and do not depend on the compiler: finite differences, which
+draw hundreds of pictures (gradients are compared with the reference's as well), and processes with one and two threads.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ LISTED = re.compile(r"^[* ] (\d+:\d+)  Portable Computing Language \((.*?)\): ",
 def other_pocl(tmp_path):
     """An environment in which GS_HIDER_DEVICE names a PoCL of another version than the default device's."""
     environment = debian_pocl_environment(tmp_path) or dict(os.environ)
-    environment.pop("POCL_CACHE_DIR", None)  # of this process alone
+    environment.pop("POCL_CACHE_DIR", None)  # belongs to this process alone
     environment.pop(DEVICE_VARIABLE, None)
     listed = run_module(environment, "opencl", "devices").stdout
     others = [index for index, version in LISTED.findall(listed) if version not in choose_device().name]
@@ -36,7 +36,7 @@ def other_pocl(tmp_path):
 @pytest.mark.parametrize(
     ("name", "without"),
     [
-        pytest.param("test_rasterizer", "gpu", marks=pytest.mark.slow),  # no CPU runs GPUs' kernels but in tests
+        pytest.param("test_rasterizer", "gpu", marks=pytest.mark.slow),  # only tests run GPU kernels on a CPU
         ("test_pixel_decoder", "threads"),
         ("test_separation", "threads"),
         pytest.param("test_convolution", "threads", marks=pytest.mark.slow),

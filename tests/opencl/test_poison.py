@@ -1,8 +1,8 @@
-"""Any values at all, in any input: an error, or a finite picture whose other Gaussians are what they were.
+"""Any values, in any input, give an error or a finite picture in which the other Gaussians are unaffected.
 
-A Gaussian that is not drawn must not matter at all: the picture and the others' gradients are, to the last bit, those
-of the scene without it. What is blended goes to 1e15 here: near the largest number, sums of features leave the range,
-which no rasterizer can help. Larger opacities have a test of their own.
+A Gaussian that is not drawn must have no effect: the picture and the others' gradients are, to the last bit, those of
+the scene without it. Blended values are at most 1e15 here: near the largest number, sums of features overflow, which
+no rasterizer can prevent. Larger opacities have a test of their own.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ DTYPES = [torch.float32, torch.float64]
 
 
 def _neighbours(value):
-    """A number with the next float32 on both sides."""
+    """A number and the next float32 on both sides."""
     exact = torch.tensor(value, dtype=torch.float32)
     return [torch.nextafter(exact, torch.tensor(end)).item() for end in (-math.inf, math.inf)] + [exact.item()]
 
@@ -51,7 +51,7 @@ BOUNDED = st.sampled_from(THRESHOLDS + NOT_FINITE + DENORMAL + MODERATE)
 
 
 def changes_of(names, values):
-    """Up to six single values: of which tensor, where (taken modulo its size), what."""
+    """One to six changes of single values: the tensor's name, the place (taken modulo its size), and the value."""
     return st.lists(st.tuples(st.sampled_from(names), st.integers(0, 10**6), values), min_size=1, max_size=6)
 
 
@@ -65,7 +65,7 @@ def poisoned(changes, dtype) -> Scene:
 
 
 def check(backend, scene):
-    """The properties of the docstring above."""
+    """Check the properties that the module's docstring states."""
     try:
         rasterize(*scene.gaussians, *scene.camera, scene.background, scene.settings)
     except ValueError:
@@ -134,8 +134,8 @@ def test_everything_at_once(backend, dtype, changes):
 )
 @FUZZ
 @given(values=st.lists(ANY, min_size=10, max_size=10), opacity=BOUNDED)
-@example(values=[0.2, 0.2, FURTHEST, *[0.2] * 6, FURTHEST], opacity=0.2)  # the chain rule left the range
-@example(values=[0.2, 0.2, 0.2, *[1e-45] * 4, 0.2, 0.2, 0.004], opacity=0.2)  # and so did the gradient itself
+@example(values=[0.2, 0.2, FURTHEST, *[0.2] * 6, FURTHEST], opacity=0.2)  # the chain rule may overflow
+@example(values=[0.2, 0.2, 0.2, *[1e-45] * 4, 0.2, 0.2, 0.004], opacity=0.2)  # and so may the gradient itself
 def test_one_gaussian_of_any_values(backend, raster_settings, values, opacity):
     scene = replace(make_scene(1, 1, 17, 9, dtype=torch.float32), settings=raster_settings)
     parts = (values[:3], values[3:7], values[7:10], [opacity])

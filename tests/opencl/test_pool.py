@@ -1,4 +1,4 @@
-"""Memory that is used again: only when nobody can see it any more."""
+"""Pooled memory is used again only once nothing can see it any more."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LARGE = 2**20
 
 @pytest.fixture(autouse=True)
 def own_pool(monkeypatch):
-    """What other tests left behind would be taken first."""
+    """A new pool, since memory that other tests left behind would be taken first."""
     monkeypatch.setattr(opencl.pool, "_pool", opencl.pool._Pool())
 
 
@@ -71,13 +71,13 @@ def test_a_picture_outlives_those_that_follow():
 
 
 def test_a_release_may_interrupt_a_take():
-    """As the garbage collector does, between any two steps of it."""
+    """The garbage collector may cause one between any two steps of a take."""
     pool = opencl.pool._pool
     held = [empty(LARGE, dtype=torch.float32) for _ in range(6)]
     del held[:3]
 
     class Block(np.ndarray):
-        """Lets a tensor go while it is looked at."""
+        """Releases tensors while it is inspected."""
 
         @property
         def nbytes(self) -> int:
@@ -85,5 +85,5 @@ def test_a_release_may_interrupt_a_take():
             return int(super().nbytes)
 
     pool._blocks[0] = pool._blocks[0].view(Block)
-    assert pool.take(100 * LARGE).nbytes == 100 * LARGE  # larger than any: all are looked at
+    assert pool.take(100 * LARGE).nbytes == 100 * LARGE  # larger than any block, so all are inspected
     assert len(pool._blocks) == 6

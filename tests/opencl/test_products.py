@@ -1,4 +1,4 @@
-"""How many work-items the decoders' kernels are cut into: as the processor is, unless bits depend on it."""
+"""The number of work-items of the decoders' kernels: it depends on the processor, unless that would change bits."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from opencl.products import added, summing_items, work_items
 
 
 def processor(cores: int) -> Any:
-    """As much of a backend as is asked for."""
+    """The part of a backend that is used."""
     return SimpleNamespace(device=SimpleNamespace(handle=SimpleNamespace(max_compute_units=cores)))
 
 
@@ -26,7 +26,7 @@ def test_sums_have_as_many_parts_on_any_processor() -> None:
 
 
 def test_parts_are_added_in_their_order() -> None:
-    """The first 1 is lost beside what comes next, the last one comes when that is gone."""
+    """The first 1 is lost in 2^30; the last is added once that has cancelled."""
     parts = torch.tensor([[1.0], [2.0**30], [-(2.0**30)], [1.0]]).expand(4, 70)
     assert added(parts).tolist() == [1.0] * 70
 

@@ -16,7 +16,7 @@ TEXTS = sorted(PTX.glob("*.ptx"))
 
 
 def instructions(text: str) -> list[str]:
-    """Without comments, and with blanks as they do not matter."""
+    """The lines of a PTX text without comments, with whitespace normalised."""
     lines = (re.sub(r"//.*|/\*.*?\*/", "", line) for line in text.splitlines())
     return [" ".join(line.split()) for line in lines if line.strip()]
 

@@ -39,7 +39,7 @@ def test_float32_is_the_reference_away_from_thresholds(feature_dim):
     difference = drawn.features.double() - expected.features
     assert difference[sound].abs().max() < 2e-6
     assert (drawn.alphas - expected.alphas)[sound].abs().max() < 2e-6
-    # On a threshold one Gaussian of alpha 1/255, or what is left under 1e-4, may come or go; neither way more often.
+    # At a threshold, a Gaussian of alpha 1/255, or what remains below 1e-4, may be drawn or not, equally often.
     assert difference.abs().max() < 2 / 255
     assert difference.mean().abs() < 1e-5
 

@@ -1,4 +1,4 @@
-"""Which backend draws tensors of which device, on machines that are only pretended."""
+"""Which backend draws the tensors of which device, on fake machines."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ CUDA = torch.device("cuda", 0)
 
 @pytest.fixture(autouse=True)
 def no_answers_from_before():
-    """They are kept, by what is asked for."""
+    """Clears the caches of answers before and after each test."""
     kept = (routes._backend_for, routes._backend_in_place, routes._device_in_place)
     for answers in kept:
         answers.cache_clear()
@@ -37,13 +37,13 @@ def no_answers_from_before():
 
 @pytest.fixture
 def driver() -> CudaDriver:
-    """Of a machine with one GPU, at 0:65:0."""
+    """The fake driver of a machine with one GPU, at 0:65:0."""
     return CudaDriver(FakeCuda(default_backend().context).functions)
 
 
 @pytest.fixture
 def machine(monkeypatch, driver):
-    """Set which devices OpenCL sees, whose torch it is, and what is asked for; backends only say what they are."""
+    """Sets which devices OpenCL sees, torch's build and GS_HIDER_DEVICE. Fake backends only say what they are."""
     monkeypatch.setattr(routes, "CudaBackend", lambda device, driver, where: ("zero-copy", device, where))
     monkeypatch.setattr(routes, "Backend", lambda device: ("copies", device))
     monkeypatch.setattr(routes, "default_backend", lambda: "default")
@@ -114,7 +114,7 @@ def test_pocl_that_cannot_build_is_no_matter_where_a_gpu_is_asked_for(monkeypatc
 
 
 def see(monkeypatch, devices):
-    """OpenCL has these."""
+    """Let OpenCL see these devices."""
     for module in (routes, opencl.device):
         monkeypatch.setattr(module, "list_devices", lambda: devices)
 
@@ -138,7 +138,7 @@ def test_another_device_is_used_where_it_is_asked_for(machine):
 
 @pytest.mark.parametrize("location", [(0, 66, 0), (0x10000, 65, 0)], ids=["a virtual GPU", "an odd domain"])
 def test_the_only_gpu_is_the_only_one_wherever_it_says_it_is(machine, location):
-    """Or all would be copied, for nothing."""
+    """Otherwise everything would be copied, for nothing."""
     own = gpu(location=location)
     machine(own)
     assert routes.backend_for(CUDA) == ("zero-copy", own, CUDA)

@@ -1,4 +1,4 @@
-"""The comparisons' own tests: they must see the thresholds they leave out, and nothing else."""
+"""Tests of `near_a_threshold`: it finds the pixels that comparisons must leave out, and few others."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Memory that kernels get unwritten never decides what comes out: the same bits whatever it holds."""
+"""Uninitialised memory never affects the results of kernels: they have the same bits, whatever it holds."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tests.opencl.scenes import make_scene
 
 @pytest.fixture
 def filled(monkeypatch):
-    """Makes torch hand out new memory full of one byte, so that reading it before writing it shows."""
+    """A function that makes torch fill new memory with one byte, so that reads before writes show."""
 
     def fill(byte):
         monkeypatch.undo()
@@ -47,7 +47,7 @@ def test_the_filling_reaches_new_memory(filled):
 @pytest.mark.parametrize("feature_dim", [3, 17, 70])
 def test_no_result_depends_on_what_memory_held(filled, schedule, feature_dim):
     scene = make_scene(150, feature_dim, 61, 35, size=0.3, opacity=(0.05, 1.0), dtype=torch.float32)
-    scene.means[::5] *= -1  # some are not in view: their rows are never drawn
+    scene.means[::5] *= -1  # some are out of view: their rows are never drawn
     results = []
     for byte in (0, 255, 127, 1):
         filled(byte)

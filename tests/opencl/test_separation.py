@@ -1,4 +1,4 @@
-"""What keeps pictures apart against its definition in plain torch, and its gradients against autograd's."""
+"""The separation penalty against its definition in plain torch, and its gradients against autograd's."""
 
 from __future__ import annotations
 
@@ -19,8 +19,10 @@ WEIGHTS = 100.0, 60.0
 
 
 def inputs(count: int, channels: int, pictures: int, each: int) -> tuple[Tensor, Tensor, Tensor]:
-    """Features, directions and readings in float64, the first and the last with gradients. Shares lie on both sides of
-    0 and of 1, and readings on both sides of half a share."""
+    """Features, directions and readings in float64, the first and the last with gradients.
+
+    Shares lie on both sides of 0 and of 1, and readings on both sides of half a share.
+    """
     generator = torch.Generator().manual_seed(count + channels + pictures + each)
     shapes = (count, channels), (pictures, channels), (pictures, each, channels)
     features, directions, readings = (torch.randn(*shape, dtype=torch.float64, generator=generator) for shape in shapes)
@@ -65,7 +67,7 @@ def test_features_however_far(feature: float) -> None:
 
 
 def test_where_a_share_ends_and_a_reading_is_just_fair() -> None:
-    """Gradients pass a share of 0 and of 1, and a reading of half a share, as torch's do."""
+    """At a share of exactly 0 or 1, and at a reading of exactly half a share, gradients are torch's."""
     directions, readings = torch.eye(4, dtype=torch.float64)[:2], torch.eye(4, dtype=torch.float64)[2:].view(2, 1, 4)
     centred = torch.tensor([[-0.5, 0.5, 0.0, 0.5], [0.5, 0.5, -0.5, 0.5], [0.0, 0.0, 0.25, -0.25]], dtype=torch.float64)
     features = (centred + 0.5).logit().requires_grad_()
@@ -73,7 +75,7 @@ def test_where_a_share_ends_and_a_reading_is_just_fair() -> None:
 
 
 def test_gradients_against_finite_differences() -> None:
-    """Of what moves pictures apart; a share is a constant to the readings, which differences do not heed."""
+    """Each term by itself: the second treats shares as constants, which finite differences of features would not."""
     features, directions, readings = inputs(3, 4, 2, 2)
 
     def common(features: Tensor) -> Tensor:
@@ -87,8 +89,7 @@ def test_gradients_against_finite_differences() -> None:
 
 
 def clear_of_thresholds(features: Tensor, directions: Tensor, readings: Tensor) -> Tensor:
-    """Those of the features none of whose shares or readings rounding could bring to the other side of what gradients
-    end at."""
+    """The features whose shares and readings are too far from the ends of gradients for rounding to cross them."""
     centred = features.detach().sigmoid() - 0.5
     shares = centred @ directions.T + 0.5
     held = torch.einsum("nm,prm->npr", centred, readings.detach()).abs()

@@ -1,4 +1,4 @@
-"""Every size of picture, number of Gaussians and of channels, against the reference: pictures and gradients."""
+"""Pictures and gradients against the reference, for many sizes and numbers of Gaussians and channels."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def backend(request):
 
 
 def compare(backend, scene, tolerance=1e-10, picture_tolerance=1e-12):
-    """Picture and gradients in float64, each relative to its largest value."""
+    """Compare picture and gradients with the reference's, in float64; each gradient relative to its largest value."""
     output, found = draw_with_gradients(backend, scene)
     leaves = tuple(tensor.clone().requires_grad_() for tensor in (*scene.gaussians, scene.background))
     changed = dict(zip(NAMES[:6], leaves, strict=True))
@@ -83,7 +83,7 @@ def test_one_pixel(backend, count, feature_dim, dtype):
 
 def test_behind_on_and_across_the_near_plane_among_others(backend):
     scene = make_scene(60, 3, 33, 31, size=0.3)
-    depths = torch.linspace(-1.0, 1.4, 60, dtype=torch.float64)  # 0.2 among them
+    depths = torch.linspace(-1.0, 1.4, 60, dtype=torch.float64)  # on both sides of the near plane, 0.2
     in_camera = torch.cat([0.3 * scene.means[:, :2], depths[:, None]], dim=1)
     rotation, translation = scene.world_to_camera[:3, :3], scene.world_to_camera[:3, 3]
     scene.means.copy_((in_camera - translation) @ rotation)
@@ -137,7 +137,7 @@ def test_float32_opacities_on_both_sides_of_a_threshold(backend, threshold):
     alphas, radii, gradients_of_opacity = zip(*drawn, strict=True)
     if threshold == 0.99:
         assert alphas == pytest.approx([0.99] * 3, rel=3e-7)
-        assert gradients_of_opacity[0] != pytest.approx(gradients_of_opacity[2], rel=1e-3)  # the centre's is gone
+        assert gradients_of_opacity[0] != pytest.approx(gradients_of_opacity[2], rel=1e-3)  # [2] lacks the centre's
     else:
         assert alphas[0] == 0
         assert radii[0] == 0
@@ -179,14 +179,14 @@ def test_gradients_at_the_clamp_in_float32(backend):
 
 
 def test_a_crowd_in_one_tile_all_of_them_seen(backend):
-    count = 300_000 if backend.schedule == "cpu" else 70_000  # by the GPU's, on a CPU, half a minute
+    count = 300_000 if backend.schedule == "cpu" else 70_000  # on a CPU, the GPU schedule takes half a minute
     crowd = make_scene(count, 1, 16, 16, size=0.3, opacity=(1e-6, 2e-6), dtype=torch.float32, settings=FAINT)
-    crowd.means.mul_(0.05)  # all of them around the camera's axis, at depths that differ
+    crowd.means.mul_(0.05)  # all around the camera's axis, at different depths
     crowd.means[:, 2] += torch.linspace(2, 3, count)
     output, found = draw_with_gradients(backend, crowd)
     assert (output.radii > 0).all()
     assert 0.05 < output.alphas.max() < 0.9
     exact = draw_on(backend, crowd.to(torch.float64))
-    assert (output.alphas - exact.alphas).abs().max() < count * 2**-25  # half a unit in the last place for each
+    assert (output.alphas - exact.alphas).abs().max() < count * 2**-25  # half a unit in the last place each
     assert all(gradient.isfinite().all() for gradient in found)
     assert (found[4] != 0).all()

@@ -16,7 +16,7 @@ from opencl.ssim import _MeanSsim, mean_ssim
 from stages.imaging.ssim import ssim_map
 
 SHAPES = [(1, 1), (5, 200), (37, 3), (13, 17), (20, 86), (6, 171), (2, 3, 12, 14)]
-"""Rows of exactly a strip (256 values) and a little more, smaller than the window, and several pictures."""
+"""Rows slightly longer than one and than two strips (256 values), sides smaller than the window, several pictures."""
 
 
 def pair(*shape: int, dtype: torch.dtype = torch.float64) -> tuple[Tensor, Tensor]:

@@ -35,7 +35,7 @@ def draw(backend, scene):
 
 
 def trainable(scene):
-    """The scene with leaves of its own."""
+    """New leaves, and the scene made of them."""
     leaves = tuple(tensor.clone().requires_grad_() for tensor in (*scene.gaussians, scene.background))
     means, quats, scales, opacities, features, background = leaves
     return leaves, replace(
@@ -76,7 +76,7 @@ def test_empty_and_invisible_scenes(staged, shared):
 
 
 def test_only_inputs_and_outputs_are_copied(staged):
-    """A forward and a backward pass: lists, records and gradient rows stay on the device."""
+    """In a forward and a backward pass, lists, records and gradient rows stay on the device."""
     memory = staged.memory
     assert isinstance(memory, StagedMemory)
     leaves, scene = trainable(make_scene(count=200, feature_dim=16, width=64, height=48, dtype=torch.float32))
@@ -85,7 +85,7 @@ def test_only_inputs_and_outputs_are_copied(staged):
     before = memory.uploaded, memory.downloaded
     output = draw(staged, scene)
     output_bytes = total(output.features, output.alphas, output.radii, output.means2d)
-    totals = {"cpu": TILING_RUNS + 1, "gpu": 1}  # how many entries there are, for torch to make room
+    totals = {"cpu": TILING_RUNS + 1, "gpu": 1}  # numbers of entries, for which torch allocates memory
     totals_bytes = totals[staged.schedule] * 8
     assert memory.uploaded - before[0] == total(*leaves) + camera_bytes
     assert memory.downloaded - before[1] == output_bytes + totals_bytes
@@ -97,7 +97,7 @@ def test_only_inputs_and_outputs_are_copied(staged):
 
 
 def test_gradients_of_records_are_copied_where_torch_reads_them(staged, shared):
-    """It sums those of several passes, and looks for NaN where it is asked to."""
+    """torch sums those of several passes, and looks for NaN if it is asked to."""
     memory = staged.memory
     assert isinstance(memory, StagedMemory)
     for feature_dim, passes, anomalies in ((70, 2, False), (3, 1, True)):
@@ -116,7 +116,7 @@ def test_without_gradients_nothing_stays_on_the_device(staged):
     assert isinstance(memory, StagedMemory)
     with torch.no_grad():
         pictures = [draw(staged, make_scene(count=20, dtype=torch.float32)) for _ in range(3)]
-    memory.empty(1, dtype=torch.int32)  # looks for what is gone
+    memory.empty(1, dtype=torch.int32)  # forgets what is gone
     assert len(pictures) == 3
     assert sum(not kept.storage.expired() for kept in memory._residents.values()) <= 1
 
@@ -168,14 +168,14 @@ def test_gradients_changed_on_their_way_are_seen(staged, shared):
 
 
 def test_memory_at_the_same_address_is_not_mistaken(staged, shared):
-    """Freed and allocated again, as torch does all the time."""
+    """torch frees and allocates the same memory all the time."""
     for seed in range(10):
         scene = make_scene(count=30, seed=seed, dtype=torch.float32)
         assert torch.equal(draw(staged, scene).features, draw(shared, scene).features)
 
 
 def test_copies_of_what_only_the_device_holds_are_refused(staged, shared):
-    """As hooks on saved tensors make them: gradients would be of whatever lay in that memory."""
+    """Hooks on saved tensors make such copies: gradients would be computed from whatever that memory holds."""
     leaves, scene = trainable(make_scene(count=20, dtype=torch.float32))
     expected = gradients(draw(shared, scene), leaves)
     for backend in (shared, staged):
@@ -221,13 +221,13 @@ def test_no_room_on_the_device_is_named(staged, make, monkeypatch):
 
 
 def test_buffers_of_what_grows_are_given_back(staged):
-    """Gradient rows have another size in each iteration: the pool would keep every size until the device is full."""
+    """The size of gradient rows changes in each iteration: the pool would keep every size until the device is full."""
     memory = StagedMemory(staged.context, staged.queue)
     size = 2**16
     while size < 2**22:
         tensor = memory.empty(size, dtype=torch.uint8)
         del tensor
-        memory.empty(1, dtype=torch.uint8)  # sees that the one before is gone
+        memory.empty(1, dtype=torch.uint8)  # notices that the one before is gone
         size = size * 103 // 100
     assert memory._pool.managed_bytes <= 2 * 2**22
 
@@ -251,7 +251,7 @@ def test_a_piece_of_nearly_the_largest_size_is_not_rounded_beyond_it(staged):
 
 
 def test_buffers_that_nothing_stands_for_are_given_back_when_a_stage_has_ended(staged):
-    """Other processes are to draw on the device next."""
+    """Other processes may draw on the device next."""
     memory = StagedMemory(staged.context, staged.queue)
     tensors = [memory.empty(2**16, dtype=torch.uint8) for _ in range(3)]
     in_use = memory._pool.managed_bytes

@@ -1,4 +1,4 @@
-"""Against rasterizers that we did not write: the plain-torch references of gsplat and metal-gauss."""
+"""Comparison with rasterizers that we did not write: the plain-torch references of gsplat and metal-gauss."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.opencl.comparison import (
 from tests.opencl.scenes import Scene, make_scene
 
 FEATURE_DIMS = (1, 3, 8, 16, 17, 32, 64, 128)
-BASIC_DIMS = (3, 17)  # a picture's, and one that no vector of lanes divides
+BASIC_DIMS = (3, 17)  # a picture's, and one that is no multiple of a vector's lanes
 PEERS = {"gsplat": (rasterize_gsplat, GSPLAT, None), "metal_gauss": (rasterize_metal_gauss, METAL_GAUSS, 3.0)}
 TOLERANCES = {torch.float32: FLOAT32, torch.float64: FLOAT64}
 
@@ -45,7 +45,7 @@ def compare(peer: str, scene: Scene) -> None:
     everywhere = torch.ones_like(at.smooth)
     for pixels, relative in ((at.smooth, tolerance.gradients), (everywhere, tolerance.gradients_at_thresholds)):
         if pixels is everywhere and cut_sigmas is not None:
-            continue  # what is cut off is no matter of rounding
+            continue  # what is cut off does not depend on rounding
         compare_gradients(gradients_from(rasterize, scene, pixels), gradients_from(draw, scene, pixels), relative)
 
 
@@ -71,7 +71,7 @@ def test_pictures_of_any_size(peer, size):
 
 @pytest.mark.parametrize("peer", PEERS)
 def test_opaque_layers(peer):
-    # Not so opaque that what is left of the background is lost in what a peer sums up to 1.
+    # Not so opaque that the rest of the background is lost when a peer sums shares up to 1.
     compare(peer, scene_for(PEERS[peer][1], 3, torch.float64, count=100, size=0.25, opacity=(0.9, 1.0)))
 
 

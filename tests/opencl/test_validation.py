@@ -99,7 +99,7 @@ def test_settings_out_of_range(values, message):
     "settings", [{"alpha_maximum": 0.9999}, {"alpha_maximum": 1 - 1e-6, "transmittance_minimum": 0}]
 )
 def test_the_most_opaque_pixel_is_drawn(settings):
-    """Of one Gaussian on a pixel's centre."""
+    """A single Gaussian at a pixel's centre."""
     camera = torch.eye(4), torch.tensor([[20.0, 0, 10.5], [0, 20.0, 9.5], [0, 0, 1]])
     gaussian = torch.tensor([[0.0, 0, 2]]), torch.tensor([[1.0, 0, 0, 0]]), torch.full((1, 3), 0.2), torch.ones(1)
     drawn = rasterize(*gaussian, torch.ones(1, 3), *camera, 20, 18, settings=RasterSettings(**settings))
@@ -115,7 +115,7 @@ def test_without_gradients_a_camera_may_ask_for_one():
 
 
 def test_numbers_of_numpy_are_as_good_as_others():
-    """They are floats to Python, and were written into kernels as np.float64(0.3)."""
+    """np.float64 is a float to Python, but kernels could not be built with its text, np.float64(0.3)."""
     scene = make_scene(count=20, dtype=torch.float32)
     settings = RasterSettings(low_pass=np.float64(0.3), near=np.float64(0.2))
     assert torch.equal(replace(scene, settings=settings).draw().features, scene.draw().features)

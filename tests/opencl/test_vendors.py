@@ -1,4 +1,4 @@
-"""NVIDIA's OpenCL is named to the loader where nothing else names it; another library stands for it."""
+"""NVIDIA's OpenCL is named to the loader if nothing else names it. Here, another library stands in for it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ HERE = "libc.so.6"
 
 @pytest.fixture
 def folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """Of installed ICD files; the environment names none, and the library is on this machine."""
+    """The folder of installed ICD files; the environment names none, and the library is on this machine."""
     for name in vendors.VARIABLES:
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(vendors, "FOLDERS", (tmp_path, tmp_path / "none"))
@@ -28,7 +28,7 @@ def folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 
 
 def named() -> list[str] | None:
-    """What the files say that the loader is shown; None where it looks where it always does."""
+    """The contents of the files that the loader is shown; None if it looks in its usual folders."""
     with nvidia_named():
         shown = os.environ.get("OCL_ICD_VENDORS")
         files = None if shown is None else sorted(path.read_text() for path in Path(shown).glob("*.icd"))

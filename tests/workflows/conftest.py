@@ -1,6 +1,6 @@
-"""New stores for tests, which begin with what the plans of the one before them found out about the stages.
+"""New stores for tests. Each begins with what plans in the previous store have cached about the stages.
 
-The first plan in an empty store parses all sources and imports all stages, for some seconds.
+The first plan in an empty store takes some seconds to parse all sources and import all stages.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ import pytest
 from pipeline.store.opening import open_store
 
 PLANS = ("sources", "declarations")
-"""Folders of a store's cache that hold it."""
+"""Folders of a store's cache that hold this."""
 
 
 @pytest.fixture(scope="session")
 def new_store() -> Callable[[Path], Path]:
-    """Makes a store in a folder that is not there yet."""
+    """A function that creates a store in a folder that does not exist yet."""
     made: list[Path] = []
 
     def make(folder: Path) -> Path:
@@ -35,5 +35,5 @@ def new_store() -> Callable[[Path], Path]:
 
 @pytest.fixture
 def store(tmp_path: Path, new_store: Callable[[Path], Path]) -> Path:
-    """The store of a test."""
+    """A new store for one test."""
     return new_store(tmp_path / "store")

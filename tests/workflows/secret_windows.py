@@ -1,7 +1,7 @@
-"""Does a file hold a piece of a secret? A search for every 16 bytes of it in a row, raw and as base64.
+"""Searches files for pieces of a secret: every window of 16 consecutive bytes of it, raw and as base64.
 
-A window with few different bytes is none of the secret's own: zeros, ones, and other fillings stand in every file. So
-are those of what describes an artifact, which is why `pieces_of` leaves `manifest.json` and `zarr.json` out.
+A window with few different bytes is not specific to the secret: zeros, ones and other padding are in every file. Nor is
+what describes an artifact, which is why `pieces_of` leaves out `manifest.json` and `zarr.json`.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ import numpy as np
 from pipeline.artifact import Artifact, load
 
 WINDOW = 16
-"""Bytes. Of base64, 16 characters stand for 12 bytes: every 16 bytes of the secret show at least 20 of them."""
+"""Bytes. In base64, 16 characters stand for 12 bytes, and every 16 bytes of the secret determine at least 20."""
 
 LEAST_DIFFERENT = 8
-"""Different bytes in a window that counts: of random bytes, one window in 10^12 has fewer."""
+"""Minimum number of different bytes in a window that counts: of random windows, one in 10^12 has fewer."""
 
 DESCRIBING = ("manifest.json", "zarr.json")
 
@@ -31,7 +31,7 @@ class SecretWindows:
         self.hashes = np.unique(np.concatenate(hashed)) if hashed else np.empty(0, np.uint64)
 
     def first_in(self, data: bytes) -> int | None:
-        """Where the first of them begins in `data`, or in its text without line breaks; None if there is none."""
+        """Position of the first window in `data`, or in its text without line breaks; None if there is none."""
         for form in (data, *_as_one_line(data)):
             found = np.flatnonzero(self._known(_hashes(form)))
             if len(found):
@@ -46,7 +46,7 @@ class SecretWindows:
 
 
 def encoded(piece: bytes) -> Iterator[bytes]:
-    """The base64 of a piece, wherever it begins within a group of three bytes: characters that are its own alone."""
+    """The base64 of a piece at each offset within a group of three bytes: the characters that depend on it alone."""
     for before in range(3):
         text = base64.b64encode(bytes(before) + piece).rstrip(b"=")
         last = len(text) - 1 if (before + len(piece)) % 3 else len(text)
@@ -54,14 +54,14 @@ def encoded(piece: bytes) -> Iterator[bytes]:
 
 
 def pieces_of(artifact: Artifact) -> Iterator[bytes]:
-    """What an artifact holds: its arrays as bytes, and its files as they are stored, without what describes them."""
+    """The contents of an artifact: its arrays as bytes, and its files as stored, without those that describe it."""
     for name in artifact.names:
         yield artifact.read(name).tobytes()
     yield from (data for path, data in files_in(artifact.path) if path.name not in DESCRIBING)
 
 
 def everything_in(artifact: Artifact) -> Iterator[tuple[str, bytes]]:
-    """All that whoever has an artifact can read: every array and every file, with names for them."""
+    """All that anyone with the artifact can read: every array and every file, with its name."""
     for name in artifact.names:
         yield f"{artifact.path}: {name}", artifact.read(name).tobytes()
     for path, data in files_in(artifact.path):
@@ -69,16 +69,16 @@ def everything_in(artifact: Artifact) -> Iterator[tuple[str, bytes]]:
 
 
 def files_in(folder: Path) -> Iterator[tuple[Path, bytes]]:
-    """Every plain file under a folder."""
+    """Every regular file under a folder, with its contents."""
     for path in sorted(folder.rglob("*")):
         if path.is_file() and not path.is_symlink():
             yield path, path.read_bytes()
 
 
 def open_to_others(store: Path) -> Iterator[tuple[str, bytes]]:
-    """All in a store but private artifacts: every other artifact, the records of what ran, and all logs.
+    """Everything in a store but private artifacts: all other artifacts, the records of what ran, and all logs.
 
-    The private logs, too: not even whoever keeps logs apart from artifacts should find a key in them.
+    This includes private logs: they should hold no key, even if someone keeps them apart from the artifacts.
     """
     for folder in sorted((store / "objects").iterdir()):
         artifact = load(folder)
@@ -90,7 +90,7 @@ def open_to_others(store: Path) -> Iterator[tuple[str, bytes]]:
 
 
 def _as_one_line(data: bytes) -> Iterator[bytes]:
-    """A text as base64 would have it: without line breaks, and in the alphabet that is not for URLs."""
+    """A text as standard base64 would have it: without line breaks, and with the alphabet for URLs translated."""
     try:
         data.decode("utf-8")
     except UnicodeDecodeError:
@@ -99,7 +99,7 @@ def _as_one_line(data: bytes) -> Iterator[bytes]:
 
 
 def _hashes(data: bytes) -> np.ndarray:
-    """One for the window at every place: the two halves, mixed. Fewer bytes than a window have none."""
+    """A hash of the window at each place, mixed from its two halves. Empty for fewer bytes than a window."""
     if len(data) < WINDOW:
         return np.empty(0, np.uint64)
     values = np.frombuffer(data, np.uint8)
@@ -111,7 +111,7 @@ def _hashes(data: bytes) -> np.ndarray:
 
 
 def _tell_something(data: bytes) -> np.ndarray:
-    """Of the window at every place, whether it has enough different bytes."""
+    """Whether the window at each place has enough different bytes."""
     if len(data) < WINDOW:
         return np.empty(0, bool)
     windows = np.sort(np.lib.stride_tricks.sliding_window_view(np.frombuffer(data, np.uint8), WINDOW), axis=1)

@@ -1,4 +1,4 @@
-"""A batch of pairs from a CSV, small: what pairs share is done once, and one page has a row for each, failed or not."""
+"""A small batch of pairs from a CSV: shared work is done once, and one page has a row for each pair, failed or not."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PAIRS = "cover,message\ncourtyard,reef\ncourtyard,broken\ncourtyard,part of a re
 
 
 def photograph(seed: int, folder: Path) -> None:
-    """Photos of a painted floor from all around, with their poses."""
+    """Write photos of a painted floor from all around, with their poses."""
     coarse = np.random.default_rng(seed).integers(0, 256, (64, 64, 3), dtype=np.uint8)
     painting = cv2.resize(coarse, (1024, 1024), interpolation=cv2.INTER_CUBIC)
     painting_to_floor = np.array([[4 / 1024, 0, -2], [0, 4 / 1024, -2], [0, 0, 1]])
@@ -46,7 +46,7 @@ def photograph(seed: int, folder: Path) -> None:
 
 @pytest.fixture(scope="module")
 def photos(tmp_path_factory: pytest.TempPathFactory, new_store: Callable[[Path], Path]) -> Path:
-    """A cover, a message, a message whose first photo is damaged, and a part of the first message."""
+    """A cover, a message, a copy of the message with a damaged first photo, and a part of the message."""
     folder = tmp_path_factory.mktemp("photos")
     for seed, name in enumerate(("courtyard", "reef")):
         photograph(seed, folder / name)
@@ -66,7 +66,7 @@ def photos(tmp_path_factory: pytest.TempPathFactory, new_store: Callable[[Path],
 
 
 def run(photos: Path) -> tuple[int, dict[str, dict], str]:
-    """The exit status, the ends of stages by name, and what was said."""
+    """Run the batch. Returns the exit status, the final events of stages by name, and what was written to stderr."""
     settings = [f"--set={name}={value}" for name, value in {**SMALL, "pairs": photos / "pairs.csv"}.items()]
     command = [sys.executable, "-m", "pipeline", "run", "workflows/batch_pairs.yaml", "--json", "--serial"]
     finished = subprocess.run(

@@ -1,4 +1,4 @@
-"""The workflow of edited covers: its settings reach the edits, and what is edited is private."""
+"""The workflow that hides edits of the cover: its settings reach the edits, and the edited scenes are private."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Trained splats as a message: the workflow is whole, and what comes from the message is private."""
+"""Trained splats as a message: the workflow is valid, and what is made from the message is private."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all workflows have in common that hide something of one's own and end in a report."""
+"""What the workflows that hide or trace something have in common."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.workflows.test_own_workflow import example_in
 WORKFLOWS = Path(__file__).parents[2] / "workflows"
 HIDING = ("hide_photos", "hide_picture", "hide_scene", "hide_multi", "hide_splats", "hide_edits")
 ONES_OWN = ("hide_photos", "hide_picture", "hide_splats", "hide_edits", "batch_pairs")
-"""The others hide captures that are built in, with keys that anyone can draw."""
+"""Workflows for content of one's own. The others hide built-in captures, with keys that anyone can draw."""
 
 
 def written(workflow: str) -> dict[str, Any]:
@@ -36,7 +36,7 @@ def test_the_report_says_of_every_scene_how_many_photos_were_placed(workflow: st
 
 @pytest.mark.parametrize("workflow", [*HIDING, "batch_pairs"])
 def test_what_is_hidden_can_be_published_as_files(workflow: str) -> None:
-    """Sealed, and with the cover, along whose cameras others look at it; the container without a seal stays private."""
+    """It is sealed and has the cover, whose cameras give others a path to view it; unsealed, it stays private."""
     stages = stages_of(workflow)
     published, sealed, cover = stages["published"], stages["sealed"], stages["hide"]["in"]["cover"]
     assert published["uses"] == "export_container"
@@ -49,7 +49,7 @@ def test_what_is_hidden_can_be_published_as_files(workflow: str) -> None:
 
 @pytest.mark.parametrize("workflow", ONES_OWN)
 def test_what_is_hidden_can_have_a_grain_before_it_is_sealed(workflow: str) -> None:
-    """None by default, by a key of its own, and not for others' eyes as long as it is not sealed."""
+    """By default it has none. The grain has a key of its own, and the result is private until it is sealed."""
     stages = stages_of(workflow)
     assert written(workflow)["vars"]["grain"] == 0
     grain, cover = stages["grain"], stages["hide"]["in"]["cover"]
@@ -67,7 +67,7 @@ def test_a_traced_scene_is_published_with_a_path_to_look_at_it_from() -> None:
 
 
 def sources_of(stages: dict[str, Any], stage: str) -> set[str]:
-    """The stage, and all that it is made of."""
+    """The stage, and all stages that its inputs come from."""
     given = [
         name
         for value in stages[stage].get("in", {}).values()
@@ -93,7 +93,7 @@ def test_pictures_that_are_looked_at_are_private_as_they_may_be_the_photos(workf
 
 
 def test_what_traces_a_hidden_scene_takes_what_the_workflows_that_hide_one_make() -> None:
-    """By the names that `latest/` has for it."""
+    """It finds these by their names in `latest/`."""
     stages = stages_of("trace_hidden")
     taken = [str(value) for stage in stages.values() for value in stage.get("with", {}).values()]
     names = {value.removeprefix("${hidden}/").partition(".")[0] for value in taken if value.startswith("${hidden}/")}

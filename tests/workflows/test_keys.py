@@ -26,7 +26,7 @@ HIDING = {"seal", "hide_scenes", "evaluate", "time_frames", "render_path"}
 
 
 class Copied:
-    """A copy of the sources, and the keys of the workflows by it."""
+    """A copy of the sources, and the workflows' keys according to it."""
 
     def __init__(self, root: Path, store: Path) -> None:
         self.root = root
@@ -42,7 +42,7 @@ class Copied:
         return {file: file.read_bytes() for package in PACKAGES for file in (self.root / package).rglob("*.*")}
 
     def undo_edits(self) -> None:
-        """What was not edited keeps its looks, so that it is not parsed again."""
+        """Files that were not edited are left untouched, so that they are not parsed again."""
         for file, content in self._sources().items():
             if file not in self._unedited:
                 file.unlink()
@@ -55,7 +55,7 @@ class Copied:
         return dict(open_project(file, self.store, [*photos, *settings]).graph.nodes)
 
     def changed(self, edit: Callable[[], None], *settings: str, workflow: str = "hide_multi") -> set[str]:
-        """What the stages use whose keys an edit changes; all stages that use one agree."""
+        """The `uses` of the stages whose keys an edit changes. Fails unless all stages with the same `uses` agree."""
         before = self.nodes(*settings, workflow=workflow)
         edit()
         after = self.nodes(*settings, workflow=workflow)
@@ -78,7 +78,7 @@ def key(node: Node) -> str:
 
 @pytest.fixture(scope="module")
 def tree(tmp_path_factory: pytest.TempPathFactory) -> Copied:
-    """One for all, as is its store, which remembers what sources hold and what stages declare."""
+    """One copy for all tests, with one store, which caches what sources contain and what stages declare."""
     return Copied(tmp_path_factory.mktemp("sources"), tmp_path_factory.mktemp("store"))
 
 
@@ -171,7 +171,7 @@ def test_what_lies_beside_the_sources_is_declared(copied: Copied) -> None:
 
 @pytest.mark.parametrize("workflow", ["hide_multi", "hide_photos"])
 def test_modules_named_in_texts_count(copied: Copied, workflow: str) -> None:
-    """A companion is started by the name of its module: the stage must say so, or its edits would go unnoticed."""
+    """A companion is started by its module's name: the stage must declare it, or its edits would go unnoticed."""
     for node in copied.nodes(workflow=workflow).values():
         for module in node.code.modules:
             for named in _modules_named_in(copied, module):

@@ -1,4 +1,4 @@
-"""The main job, small: from photos to both reports, then nothing to do, then only what a change asks for."""
+"""The main job, small: from photos to both reports, then a run with nothing to do, then only what a change affects."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ SMALL = {
     "cover_photos.width": 256,
     "cover_photos.height": 192,
     "cover_photos.samples": 1,
-    "cover_photos.processes": 1,  # each builds its scene, which takes longer than so few small pictures
+    "cover_photos.processes": 1,  # each builds the scene, which takes longer than so few small pictures
     "cover.poses": "given",
     "message_photos.width": 256,
     "message_photos.height": 192,
@@ -59,7 +59,7 @@ def start(store: Path, *arguments: str, changes: dict[str, object], **environmen
 
 
 def run(store: Path, *arguments: str, **changes: object) -> tuple[int, list[dict], str]:
-    """Status, events and errors; all that was printed is kept beside the store."""
+    """Run the main job. Returns status, events and stderr; all output is also appended to a file beside the store."""
     process = start(store, *arguments, changes=changes)
     out, errors = process.communicate()
     with store.with_suffix(".printed").open("a") as file:
@@ -115,7 +115,7 @@ def test_what_is_private_is_closed_to_others(store: Path) -> None:
 
 
 def test_public_pictures_show_the_cover_alone(store: Path) -> None:
-    """The feature map was rendered of a container that the secret had opened."""
+    """Not the feature map, which is rendered from a container that the secret has opened."""
     public = read_comparisons(load(latest(store, "scores.public_pictures").resolve()))
     assert {picture.role for picture in public} == {"cover"}
 
@@ -128,7 +128,7 @@ def test_the_container_names_no_message(store: Path) -> None:
 
 
 def test_nothing_public_holds_a_piece_of_a_secret(store: Path, tmp_path: Path) -> None:
-    """Not the container, the reports, the bundle, the logs, even private ones, nor what the run printed."""
+    """Neither the container, the reports, the bundle and the logs (even private ones), nor what the run printed."""
     container, secret, key = (
         load(latest(store, name).resolve()) for name in ("sealed.container", "sealed.secret", "key.key")
     )
@@ -152,7 +152,7 @@ def test_nothing_public_holds_a_piece_of_a_secret(store: Path, tmp_path: Path) -
 
 @pytest.mark.slow
 def test_a_training_that_was_interrupted_and_killed_makes_the_same_bits(store: Path, tmp_path: Path) -> None:
-    """With two messages and a key, in a worker; the module's store holds what it makes undisturbed."""
+    """With two messages and a key, in a worker. The module's store holds the result of an undisturbed training."""
     rough = tmp_path / "store"
     shutil.copytree(store, rough, symlinks=True)
     expected = forget(rough, "hide")
@@ -173,7 +173,7 @@ def test_a_training_that_was_interrupted_and_killed_makes_the_same_bits(store: P
 
 
 def forget(store: Path, stage: str) -> dict[str, str]:
-    """Takes the records of a stage from a store; returns the digests of what it made with the workflow's parameters."""
+    """Remove a stage's records from a store. Returns the digests of its outputs with the workflow's own parameters."""
     outputs = {}
     for path in store.glob("actions/*/record.json"):
         record = json.loads(path.read_text())
@@ -184,7 +184,7 @@ def forget(store: Path, stage: str) -> dict[str, str]:
 
 
 def run_until_checkpoint(store: Path, number: int, how: signal.Signals) -> int:
-    """Trains with a checkpoint after every iteration; when one of that number is there, all processes get a signal."""
+    """Train with a checkpoint after every iteration; once checkpoint `number` is there, signal all processes."""
     process = start(store, "hide", "--workers", "1", changes={}, GS_HIDER_CHECKPOINT_SECONDS="0")
     while not any(int(path.name.partition("-")[2]) >= number for path in store.glob("scratch/*/checkpoint-*")):
         assert process.poll() is None, process.communicate()

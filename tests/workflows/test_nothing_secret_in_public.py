@@ -1,6 +1,6 @@
-"""Nothing secret in what the stages publish, by each method that has a secret. Of a whole run: the main job's test.
+"""What stages publish holds nothing secret, for each method with a secret; test_main_job.py checks a whole run.
 
-Only 3DGS+SH is not here: its container holds the message itself, and its secret nothing but the message's name.
+Only 3DGS+SH is not here: its container holds the message itself, and its secret only the message's name.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Containers that hide what is an owner's have a key each: a secret that is handed on reads one container."""
+"""Containers of owners have a key each, so that a secret that is passed on reads only one container."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_a_key_depends_on_all_that_its_container_holds(tmp_path: Path, store: Pa
 
 @pytest.mark.parametrize("workflow", FOR_OWNERS)
 def test_gaussians_from_before_the_grain_are_private(tmp_path: Path, store: Path, workflow: str) -> None:
-    """Beside the published ones they show how every coin fell."""
+    """Compared with the published ones, they reveal how every coin fell."""
     found = nodes(tmp_path, store, workflow)
     for maker in (node for node in found.values() if node.uses == "add_grain"):
         (before,) = maker.sources["container"]
@@ -67,7 +67,7 @@ def test_pairs_of_a_batch_have_a_key_each(tmp_path: Path, store: Path) -> None:
 @pytest.mark.parametrize("level", [0, 1.5])
 @pytest.mark.parametrize("workflow", [name for name in FOR_OWNERS if name != "trace_pictures"])
 def test_a_key_is_read_but_that_of_no_grain(tmp_path: Path, store: Path, workflow: str, level: float) -> None:
-    """An owner is told of another key in its place, and is not troubled with one that nothing was made with."""
+    """Owners are told if another key takes its place, but not bothered about a key with which nothing was made."""
     found = graph(tmp_path, store, workflow, f"grain={level}")
     keys = {name: is_read(name, found) for name, node in found.nodes.items() if node.unrepeatable}
     of_grains = {name: read for name, read in keys.items() if found.nodes[name].entry == "grain_key"}

@@ -1,4 +1,4 @@
-"""The workflow that `workflows/README.md` shows to who writes one is a workflow."""
+"""The example of a workflow in `workflows/README.md` is valid."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The paper's nine pairs, planned on captures that have the layout of Mip-NeRF 360 and hardly anything in them."""
+"""The paper's nine pairs, planned on almost empty captures with the layout of Mip-NeRF 360."""
 
 from __future__ import annotations
 

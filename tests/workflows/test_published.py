@@ -1,4 +1,4 @@
-"""A container leaves a workflow as files, and comes back from them as the very same artifact."""
+"""A container is exported as files, and imported from them as the very same artifact."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ stages:
 
 
 def run(workflow: Path, store: Path, *arguments: str) -> dict[str, dict[str, Path]]:
-    """The outputs of stages by name. All in one process, as each takes seconds to start."""
+    """Run a workflow. Returns the outputs of its stages by name. All in one process, as each takes seconds to start."""
     command = [sys.executable, "-m", "pipeline", "run", str(workflow), "--store", str(store), "--json", "--serial"]
     finished = subprocess.run(
         [*command, *arguments],

@@ -1,4 +1,4 @@
-"""The owner of a container that was stolen: the workflow reads what was published and kept, and what was found."""
+"""The owner's workflow for a stolen container: it reads what was published and kept, and what was found."""
 
 from __future__ import annotations
 
@@ -58,9 +58,9 @@ def hidden(folder: Path) -> Path:
 
 
 def stolen(published: Path, place: Path) -> np.ndarray:
-    """A sealed one: turned, scaled, shifted, pruned, its channels permuted; by a program with its own columns.
+    """Write a sealed container turned, scaled, shifted, pruned, with permuted channels, and columns in another order.
 
-    Returns where those Gaussians were that are not pruned, [K, 3].
+    Returns the original places of the Gaussians that were not pruned, [K, 3].
     """
     rows = plyfile.PlyData.read(str(published / "container.ply"))["vertex"].data
     generator = np.random.default_rng(0)
@@ -82,7 +82,7 @@ def stolen(published: Path, place: Path) -> np.ndarray:
 
 
 def never_sealed(places: np.ndarray, camera: Camera) -> torch.Tensor:
-    """The message of the Gaussians at these places, as their owner saw it before they were sealed."""
+    """The message as the owner saw it in the Gaussians at these places before they were sealed."""
     target, owner = target_and_owner("homogeneous")
     kept = (target.gaussians.means[:, None] == torch.from_numpy(places)).all(dim=2).any(dim=1)
     assert int(kept.sum()) == len(places)

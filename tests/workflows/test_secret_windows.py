@@ -54,7 +54,7 @@ def test_fillings_are_nobodys() -> None:
 
 @pytest.mark.parametrize("where", ["array", "file"])
 def test_pieces_come_from_arrays_and_files(tmp_path: Path, where: str) -> None:
-    """A compressed array's numbers are found wherever they stand, and so is the chunk as it is stored."""
+    """The numbers of a compressed array are found wherever they occur, and so is the chunk as it is stored."""
     values = np.random.default_rng(1).standard_normal(64).astype(np.float32)
     with create(tmp_path / "secret", "secret", private=True) as writer:
         writer.write("weights", values)

@@ -1,4 +1,4 @@
-"""The workflows of the paper's tables, small: from folders of photos to the page, and what they share is done once."""
+"""The workflows of the paper's tables, small: from folders of photos to the page, with shared work done once."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_tables_of_fewer_captures_say_which_and_why(workflow: str) -> None:
 
 
 def test_ablations_vary_one_value_at_a_time() -> None:
-    """From the middle, the first row, which is there once for each seed; the first lines of the file say so."""
+    """The first row is the middle, from which each other row differs in one value; the head of the file says so."""
     text = (REPOSITORY / "workflows" / "ablations.yaml").read_text()
     middle, *others = yaml.safe_load(text)["vars"]["rows"]
     assert all(sum(row[name] != middle[name] for name in middle) == 1 for row in others)
@@ -81,7 +81,7 @@ def photos(tmp_path_factory: pytest.TempPathFactory, new_store: Callable[[Path],
 
 
 def run(photos: Path, workflow: str, rows: list[dict], *settings: str) -> dict[str, dict]:
-    """The ends of stages by name. The weights of LPIPS are not installed."""
+    """Run a workflow without LPIPS's weights. Returns the final events of its stages by name."""
     command = [sys.executable, "-m", "pipeline", "run", f"workflows/{workflow}.yaml", "--json", "--serial"]
     small = [f"photos={photos}", "width=64", "iterations=4", f"rows={json.dumps(rows)}"]
     finished = subprocess.run(
@@ -132,7 +132,7 @@ def test_what_varies_settings(photos: Path, workflow: str) -> None:
 
 @pytest.mark.slow
 def test_what_detectors_and_attackers_find(photos: Path) -> None:
-    """Each of two covers is tested by what is learnt from the other; twins of one method are trained once."""
+    """Each of two covers is tested by a detector trained on the other; twins of the same method are trained once."""
     row = {**ROW, "twin": "gs_hider", "other_seed": 1}
     rows = [
         row,

@@ -1,6 +1,6 @@
-"""From photos to the verdict on a picture of a container that hides something: a render of what was published is told.
+"""From photos to the verdict on a picture of a container that hides something: renders of the published one are found.
 
-So is one of the container from before the grain, which is none of what was published.
+A render of the container from before the grain, which was not published, is not.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""From the published folders alone: a page with the cover for who has the public one, with the message for a friend."""
+"""From the exported folders alone: a page with the cover for anyone, and one with the message for a friend."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MESSAGE = "statue"
 
 @pytest.fixture(scope="module")
 def given(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Copies of the public and the secret folder, and nothing else of the publisher's."""
+    """Copies of the public and of the secret folder, and nothing else from the publisher."""
     folder = tmp_path_factory.mktemp("given")
     target, owner = target_and_owner("homogeneous")
     with create(folder / "container", "container") as writer:
