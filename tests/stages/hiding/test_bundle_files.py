@@ -1,4 +1,4 @@
-"""Bundles from strangers: one clear error, in bounded time and memory, for whatever is wrong with their files."""
+"""Bundles from strangers: whatever is wrong with a file gives one clear error, in bounded time and memory."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def import_from(folder: Path) -> None:
 
 
 def told(folder: Path) -> str:
-    """What an import says; it must be one line, of a person's length, without the messages' names."""
+    """The error of an import, which must be one line of readable length, without the messages' names."""
     with pytest.raises(UserError) as raised:
         import_from(folder)
     said = str(raised.value)
@@ -93,7 +93,7 @@ def change_attributes(folder: Path, **changes: Any) -> None:
 
 
 def change_column(folder: Path, name: str, values: np.ndarray | None) -> None:
-    """Another column in the place of one, or none."""
+    """Replace or add a column; `None` removes it."""
     path = folder / "bundle" / "container.ply"
     rows = read_ply(path).rows("vertex")
     columns = {each: rows[each] for each in rows.dtype.names or ()}
@@ -242,7 +242,7 @@ def test_what_is_wrong_is_told_in_one_line(copied: Path, damage: Callable[[Path]
 @given(data=st.data())
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_damage_is_an_answer_or_one_error(good: Path, tmp_path: Path, file: str, data: st.DataObject) -> None:
-    """Whatever happens to a file of a bundle, it is a container of its method, or one line says why not."""
+    """A damaged file of a bundle is still read as a container of its method, or one line says why not."""
     folder = tmp_path / "damaged"
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(good / "bundle", folder / "bundle")
@@ -261,7 +261,7 @@ def test_damage_is_an_answer_or_one_error(good: Path, tmp_path: Path, file: str,
 
 @pytest.mark.parametrize("network", ["scene_decoder", "message_decoder"])
 def test_an_attribute_that_is_called_as_a_network_is_refused(copied: Path, network: str) -> None:
-    """In the store the network's weights lie in a group of that name."""
+    """In the store, a network's weights are in a group of that name."""
     for number in range(2):
         change_column(copied, f"{network}_{number}", np.zeros(9, np.float32))
     change_attributes(copied, **{network: [2]})
@@ -269,7 +269,7 @@ def test_an_attribute_that_is_called_as_a_network_is_refused(copied: Path, netwo
 
 
 def test_files_beside_a_bundle_are_left_alone(copied: Path) -> None:
-    """A secret that lies in the public folder is not read: whose file it is, is said by the parameter."""
+    """A message decoder in the public folder is not read: only the parameter `secret` says where secrets are."""
     shutil.copy(copied / MESSAGE_DECODER, copied / "bundle")
     (copied / "bundle" / "notes.txt").write_text("mine")
     parameters = ImportContainerParameters(bundle=copied / "bundle")

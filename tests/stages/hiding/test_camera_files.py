@@ -1,4 +1,4 @@
-"""Cameras as files: they come back bit for bit, and what is none is told in one line without any of its numbers."""
+"""Cameras as files: read back bit for bit, or refused in one line, without the numbers of a secret camera."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ GEOMETRY = {"means": (3,), "quats": (4,), "log_scales": (3,), "logit_opacities":
 
 @st.composite
 def bundles(draw: st.DrawFn) -> ContainerBundle:
-    """Of N Gaussians, with the attributes of all methods and one that none has."""
+    """Bundles of 0 to 5 Gaussians, with any of the methods' attributes and one that no method has."""
     count, harmonics, messages = draw(st.integers(0, 5)), draw(st.sampled_from([0, 3, 8, 15])), draw(st.integers(1, 3))
     optional = {
         "sh_base": (3,),

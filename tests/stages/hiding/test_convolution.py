@@ -1,4 +1,4 @@
-"""A convolution is torch's, whichever way it takes."""
+"""`Convolution` agrees with torch's, whichever implementation it uses."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tests.opencl.differentiated import with_gradients
 
 
 def convolved(module: Convolution, values: torch.Tensor, *, rectified: bool) -> list[torch.Tensor]:
-    """Pictures and gradients, of channels last as decoders have it."""
+    """The picture and all gradients, from values with channels last, as decoders have them."""
     leaf = values.clone().requires_grad_()
     picture = module(leaf.permute(2, 0, 1).unsqueeze(0), rectified=rectified)
     return with_gradients(picture, [leaf, *module.parameters()])

@@ -1,4 +1,4 @@
-"""From origins there is room, and who goes as far stays in the cube and changes nothing of what is read."""
+"""Origins read the same as the features, and their room ends exactly at the border of the cube."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The decoders: their layers, and their precision: a processor without bfloat16 rounds as one that has it."""
+"""Decoders: their layers and precision. Processors without bfloat16 instructions round as those that have them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.opencl.differentiated import with_gradients
 
 
 def decoded(monkeypatch: pytest.MonkeyPatch, precision: Precision, *, instructions: bool) -> dict[str, Tensor]:
-    """The picture, and the gradients of the feature map and of all weights, of one seed's decoder."""
+    """The picture and the gradients of the feature map and all weights, for a decoder drawn with a fixed seed."""
     monkeypatch.setattr(decoders, "has_bfloat16_convolutions", lambda: instructions)
     torch.manual_seed(0)
     decoder, features = Decoder(16, 3, width=32), torch.rand(18, 22, 16, requires_grad=True)
@@ -41,7 +41,7 @@ def test_without_the_instructions_float32_stays_as_it_is(monkeypatch: pytest.Mon
 
 
 def test_a_decoder_has_five_convolutions_of_which_the_last_is_linear() -> None:
-    """A ReLU there would show black, without a gradient, whatever starts below zero."""
+    """With a ReLU there, whatever starts below zero would be black and have no gradient."""
     torch.manual_seed(0)
     decoder = Decoder(16, 3)
     assert [type(module) is Convolution for module in decoder] == [True, False] * 4 + [True]

@@ -1,4 +1,4 @@
-"""Expectations are of Gaussians about as much the cover's, none of which is farther off, and are read from files."""
+"""Expectations come from Gaussians with similar cover shares, bound all distances, and are restored from files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files of a found container, as other programs and thieves leave them: read by names of columns, or told clearly."""
+"""Files of a found container, as other programs and thieves leave them: read by column names, or a clear error."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def refused(place: Path) -> str:
     ],
 )
 def test_any_format_order_and_type_of_columns_will_do(tmp_path: Path, saved: dict) -> None:
-    """Ones that no container has stand between, and no comment says what it is."""
+    """Other columns stand between the known ones, and no comment says that the file is a container."""
     columns = table(OF_3DGS)
     mixed = {"segment": np.arange(COUNT, dtype=np.int32)}
     for name in reversed(columns):
@@ -71,7 +71,7 @@ def test_channels_beyond_all_measure_are_not_read(tmp_path: Path) -> None:
 
 
 def test_gaussians_that_no_scene_has_are_left_out(tmp_path: Path) -> None:
-    """A quaternion of any length is a rotation, and an infinite logit an opacity of 0 or 1."""
+    """Quaternions of any length but 0 count as rotations, and infinite logits as opacities of 0 or 1."""
     columns = {name: values.astype(np.float64) for name, values in table().items()}
     for row, (name, value) in enumerate(
         {"x": np.nan, "feature_1": np.inf, "y": 1e30, "z": 1e300, "scale_0": 99.0, "rot_0": 3e38}.items()

@@ -1,4 +1,4 @@
-"""Homogeneous features: what belongs to one picture leaves the others as they are, wherever it stands."""
+"""Homogeneous features: Gaussians that belong to one picture leave the others unchanged, wherever they are."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def method(feature_dim: int = 16, layers: int = 2, precision: str = "float32") -
 
 
 def scene(hider: Homogeneous, opacity: float, key: int = 0) -> Gaussians:
-    """A red wall of the cover, and before it a blue one of the message."""
+    """A red wall of the cover, and in front of it a blue wall of the message."""
     grey = np.full((144, 3), 0.5)
     colors = {COVER: np.concatenate([grey + RED - 0.5, grey]), MESSAGE: np.concatenate([grey, grey + BLUE - 0.5])}
     points = np.concatenate([wall(4.0), wall(2.0)])
@@ -53,7 +53,7 @@ def scene(hider: Homogeneous, opacity: float, key: int = 0) -> Gaussians:
 
 @pytest.mark.parametrize("opacity", [0.03, 0.1])
 def test_each_picture_is_seen_through_the_other(opacity: float) -> None:
-    """On average over keys: some put a feature so near its limits that it is not quite what it should be."""
+    """Averaged over keys: with some, a feature exceeds its range and is clamped."""
     hider, middle = method(), slice(8, 16)
     shown: dict[str, list[np.ndarray]] = {COVER: [], MESSAGE: []}
     for key in range(8):
@@ -65,7 +65,7 @@ def test_each_picture_is_seen_through_the_other(opacity: float) -> None:
 
 
 def test_dividing_undoes_any_veil() -> None:
-    """Σ w f over Σ w e: a veil of Gaussians without a share scales both alike."""
+    """Σ w f / Σ w e: a veil of Gaussians without a share scales both sums alike."""
     decoder = HomogeneousDecoder(8, 1, layers=2, width=8)
     mixture = orthonormal_rows(1 + READINGS, 8, np.random.default_rng(1))
     decoder.start(mixture[:1], mixture[None, 1:])
@@ -133,7 +133,7 @@ def test_the_penalty_is_on_what_serves_two_pictures_and_on_what_is_held_beyond_a
 ) -> None:
     monkeypatch.setattr(homogeneous, "works_in_place", lambda device: in_place)
     hider = method()
-    scene(hider, 0.5)  # gives the decoders their directions
+    scene(hider, 0.5)  # sets the decoders' directions
     own, other = hider.scene_decoder.directions[0].detach(), hider.message_decoder.directions[0].detach()
     reading = hider.scene_decoder.readings[0, 0].detach()
     one, both, held = 0.25 * (own - other), 0.25 * (own + other), 0.3 * reading

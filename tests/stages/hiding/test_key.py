@@ -1,4 +1,4 @@
-"""Keys: every byte of them counts, and a container starts from its own."""
+"""Keys: every byte counts, and a container starts from its own key."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_a_key_of_another_length_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("method", ["gs_hider", "homogeneous"])
 def test_a_container_starts_from_its_key(tmp_path: Path, method: str) -> None:
-    """With the same seed: who knows that alone knows nothing of what the key drew."""
+    """The seed is the same: those who know only the seed know nothing that the key drew."""
     settings = {"method": method, "iterations": 1, "feature_dim": 8, "decoder_width": 8, "densify_gradient": 1e9}
     inputs = {"cover": scene(tmp_path / "cover"), "messages": (message_views(tmp_path / "views"),)}
 
@@ -49,7 +49,7 @@ def test_a_container_starts_from_its_key(tmp_path: Path, method: str) -> None:
         features(name, key=key_of(tmp_path, bytes([byte]) * KEY_BYTES)) for name, byte in (("a", 1), ("b", 1), ("c", 2))
     )
     np.testing.assert_array_equal(first, again)
-    others = (other, features("d"))  # without a key from its seed
+    others = (other, features("d"))  # without a key, drawn from the seed
     assert all(abs(np.corrcoef(first.ravel(), each.ravel())[0, 1]) < 0.5 for each in others)
 
 
@@ -57,7 +57,7 @@ def test_a_container_starts_from_its_key(tmp_path: Path, method: str) -> None:
     "settings", [{"method": "decoder"}, {"method": "gs_hider", "initial_features": "zeros"}, {"method": "homogeneous"}]
 )
 def test_networks_start_from_the_key_too(tmp_path: Path, settings: dict[str, str]) -> None:
-    """Of methods whose Gaussians take nothing from it, these are all that it draws."""
+    """If Gaussians take nothing from the key (`decoder`, features that start at zero), it draws these weights alone."""
     parameters = HideScenesParameters.model_validate({"layers": 2, "feature_dim": 8, **settings})
 
     def weights(key: Artifact | None) -> np.ndarray:
@@ -87,7 +87,7 @@ def test_without_a_key_networks_start_from_the_seed_alone() -> None:
 
 
 def test_no_layer_tells_of_another(tmp_path: Path) -> None:
-    """Of a seed torch heeds 32 bits: those of the public decoder can be found by trying."""
+    """torch uses only 32 bits of a seed, so the seed of the public decoder could be found by trial."""
     parameters = HideScenesParameters.model_validate({"feature_dim": 16, "decoder_width": 16})
     key = key_of(tmp_path, bytes(range(KEY_BYTES)))
     layers = [

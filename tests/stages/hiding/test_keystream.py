@@ -1,4 +1,4 @@
-"""Encrypted values are uniform whatever the input was, and the key gets the input back."""
+"""Encrypted values are uniform whatever the input was, and the key restores the input."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_some_of_them_are_put_back_by_their_numbers() -> None:
 @pytest.mark.parametrize("dimensions", [1, 2, 8])
 @pytest.mark.parametrize("axis", [0, -1, None])
 def test_what_comes_out_says_nothing_of_what_went_in(axis: int | None, dimensions: int, length: float) -> None:
-    """All hold the same, along any direction or none: what comes out is even in all directions and lengths."""
+    """All values are equal, along any direction or none; the output is uniform in direction and length."""
     count, same = 20_000, torch.zeros(dimensions, dtype=torch.float64)
     if axis is not None:
         same[axis] = 1

@@ -1,4 +1,4 @@
-"""A message is called nothing that the pages or the methods call something else."""
+"""A message cannot have a name that the pages or the methods use for something else."""
 
 from __future__ import annotations
 

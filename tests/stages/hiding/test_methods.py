@@ -1,4 +1,4 @@
-"""What every method states of itself holds for the Gaussians that it starts, and for what may be trained."""
+"""The shapes that methods declare are those of their attributes, and only what could be imported may be trained."""
 
 from __future__ import annotations
 

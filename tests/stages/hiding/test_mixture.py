@@ -1,4 +1,4 @@
-"""Directions are at right angles, and as likely to point anywhere."""
+"""Rows are orthonormal, and no direction is likelier than another."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def test_as_many_as_fit_are_at_right_angles(count: int, size: int) -> None:
 
 
 def test_none_leans_to_an_axis() -> None:
-    """Of 500 keys: each mean lies within five of its standard deviations of zero, and reflections are as many."""
+    """Over 500 keys, each mean is within five standard errors of zero, and about half of the draws are reflections."""
     drawn = torch.stack([orthonormal_rows(4, 4, np.random.default_rng(seed)) for seed in range(500)])
     assert drawn.mean(dim=0).abs().max() < 5 * 0.5 / 500**0.5
     assert (torch.linalg.det(drawn) > 0).float().mean().item() == pytest.approx(0.5, abs=0.12)

@@ -1,4 +1,4 @@
-"""A method of one's own is one file: it trains, is scored and attacked, and says of itself what the paper's do."""
+"""A method of one's own is one file: it is trained, scored and attacked, and declares what the paper's methods do."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ SMALL = {"method": "own", "own_settings": {"levels": 1}, "iterations": 4, "featu
 
 @pytest.fixture
 def own(tmp_path: Path) -> Iterator[Path]:
-    """The file of a method beside the others."""
+    """The file of a method that is found among the others."""
     folder = tmp_path / "methods"
     folder.mkdir()
     (folder / "own.py").write_text(SOURCE)

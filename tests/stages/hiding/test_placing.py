@@ -1,4 +1,4 @@
-"""Messages are placed where they fill the pictures, and not so close that nothing of them can be made out."""
+"""Messages are placed where they fill the pictures, but not so close that they cannot be made out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Splats without photos are placed by themselves: upright, in the middle of the pictures, and not from behind."""
+"""Splats without photos are placed upright in the middle of the pictures; blurred and near Gaussians do not count."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_a_statue_stands_upright_where_the_cover_looks(axis: str, given: str) ->
 
 
 def tilted(poses: np.ndarray) -> np.ndarray:
-    """The same poses in a world that stands askew, so that the cover's up is no axis."""
+    """The same poses in a tilted world, so that the cover's up is not an axis."""
     turn = np.eye(4)
     turn[:3, :3] = Rotation.from_rotvec([0.6, 0.3, 0.0]).as_matrix()
     return poses @ turn

@@ -1,4 +1,4 @@
-"""What was done to a container as a whole is undone, all of it at once; what was not is left alone, bit for bit."""
+"""What was done to a container as a whole is undone, all at once; what was left alone stays bit for bit."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SAME = 2e-4
 
 
 def container(seed: int = 0, count: int = COUNT) -> Gaussians:
-    """Coupled features about a mean that is not 0.5, as trained ones are, beside harmonics of cover and messages."""
+    """Coupled features with a mean other than 0.5, as trained ones have, and harmonics of cover and messages."""
     generator = torch.Generator().manual_seed(seed + 100)
     attributes = {
         FEATURES: 0.8 * torch.randn(count, CHANNELS, generator=generator) + torch.linspace(-1, 1, CHANNELS),
@@ -33,7 +33,7 @@ def container(seed: int = 0, count: int = COUNT) -> Gaussians:
 
 
 def mixed(gaussians: Gaussians, seed: int) -> Gaussians:
-    """Channels turned about 0.5 in all planes and drawn together, then permuted: as an attacker may do."""
+    """Features rotated about 0.5 and drawn halfway to it, their channels then permuted, as an attacker may do."""
     generator = torch.Generator().manual_seed(seed)
     turn = torch.linalg.qr(torch.randn(CHANNELS, CHANNELS, generator=generator, dtype=torch.float64)).Q
     centred = 0.5 * (gaussians[FEATURES].double().sigmoid() - 0.5) @ turn
@@ -42,7 +42,7 @@ def mixed(gaussians: Gaussians, seed: int) -> Gaussians:
 
 
 def check(recovery: Recovery | None, expected: Gaussians) -> Recovery:
-    """That the same Gaussians came back, in their order."""
+    """Check that the same Gaussians came back, in their order."""
     assert recovery is not None
     back = recovery.gaussians
     assert set(back.parameters) == set(expected.parameters)
@@ -127,7 +127,7 @@ def test_only_what_was_changed_is_changed_back() -> None:
 
 
 def test_features_of_a_few_do_not_mislead() -> None:
-    """A third of the Gaussians lose their features after all were mixed: the others come back."""
+    """A third of the Gaussians lose their features after all were mixed; the others come back."""
     published = container()
     found = mixed(published, 4)
     features = found[FEATURES].clone()
@@ -159,7 +159,7 @@ def test_noise_on_features_is_no_map() -> None:
 
 @pytest.mark.parametrize("pairs", range(2 * (CHANNELS + 1), 4 * CHANNELS, 3))
 def test_noise_on_features_of_a_few_is_no_map(pairs: int) -> None:
-    """Which passes through those that it was fitted to, and far from all others."""
+    """A map fitted to so few pairs would follow their noise and be far off for all others."""
     few = chosen(container(), torch.arange(pairs))
     noise = 0.1 * torch.randn(pairs, CHANNELS, generator=torch.Generator().manual_seed(0))
     recovery = recovered(Gaussians(few.parameters | {FEATURES: few[FEATURES] + noise}), container(), 0)

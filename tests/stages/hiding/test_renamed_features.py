@@ -1,4 +1,4 @@
-"""A found container whose features were renamed: read where it is plain which they are, else told what to do."""
+"""A found container with renamed features: read if it is clear which they are, else the error says what to do."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FEATURES = attributes()["raw_features"].T
 
 
 def numbered(stem: str, *numbers: int) -> dict[str, np.ndarray]:
-    """Features under other names, the last first, beside the other columns."""
+    """The features under other names, last first, and the other columns."""
     return OTHERS | {f"{stem}{number}": FEATURES[place] for place, number in reversed([*enumerate(numbers)])}
 
 

@@ -1,4 +1,4 @@
-"""A seal leaves the cover as it is, gives back all that it encrypted to who has the key, and to nobody else."""
+"""A seal leaves the cover unchanged; those who have the key get back all that it encrypted, and nobody else does."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def some_gaussians(method: Homogeneous, count: int, spread: float, seed: int = 0
 def sealed(
     gaussians: Gaussians, method: Homogeneous, key: bytes
 ) -> tuple[Gaussians, Callable[[Gaussians, torch.Tensor], Gaussians]]:
-    """What is published, and how its owner, who has that and the secret, opens what is found of it."""
+    """The published Gaussians, and the function with which their owner opens what is found of them."""
     made = Seal.made(gaussians, method, key)
     return made.published, Seal.of(made.published, method, made.key, made.expected).opened
 
@@ -71,7 +71,7 @@ def test_the_cover_is_left_and_who_has_the_key_gets_back_everything(
 
 
 def test_saturated_features_leave_the_cover_as_it_is() -> None:
-    """But for what cannot be stored."""
+    """Only what exceeds the range that can be stored is lost."""
     method = homogeneous()
     gaussians = some_gaussians(method, 1000, 30.0)
     closed, opened = sealed(gaussians, method, KEY)
@@ -83,7 +83,7 @@ def test_saturated_features_leave_the_cover_as_it_is() -> None:
 
 
 def test_features_beyond_what_can_be_stored_come_back_as_they_can_be() -> None:
-    """Whoever seals goes by the same shares of the cover as whoever opens, who has only what was stored."""
+    """Sealing computes cover shares from the stored features, since opening has no others."""
     method = homogeneous()
     gaussians = some_gaussians(method, 1000, 8.0)
     closed, opened = sealed(gaussians, method, KEY)
@@ -93,7 +93,7 @@ def test_features_beyond_what_can_be_stored_come_back_as_they_can_be() -> None:
 
 @pytest.mark.parametrize("messages", [("message",), ("one", "another")])
 def test_gaussians_as_they_begin_are_given_back(messages: tuple[str, ...]) -> None:
-    """Many belong to one picture alike: the smallest change of a share changes nothing of what is opened."""
+    """Many have the same cover share, so a tiny change of a share must not change what is opened."""
     method, generator = homogeneous(messages=messages), np.random.default_rng(0)
     owners = generator.integers(1 + len(messages), size=4000)
     colors = {

@@ -1,4 +1,4 @@
-"""A container renders the same after a trip through the store, and holds nothing of the message."""
+"""A container renders the same after a round trip through the store, and reveals nothing of the message."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def test_a_secret_of_another_method_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_secret_without_a_decoder_is_refused(tmp_path: Path) -> None:
-    """As 3DGS+SH writes, whose messages are in the container; weights drawn by chance would take its place."""
+    """3DGS+SH, whose messages are in the container, writes such secrets; a decoder would keep its random weights."""
     _, _, container, _ = hidden(tmp_path)
     with create(tmp_path / "other", "secret", private=True) as writer:
         write_secret(writer, build_method("sh", {"messages": [MESSAGE], "sh_degree": 1}), [MESSAGE])

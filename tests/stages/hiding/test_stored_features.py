@@ -1,4 +1,4 @@
-"""Activated features are stored as logits; what no sigmoid gives stops short of it."""
+"""Activated features are stored as logits, and clamped where they exceed what can be stored."""
 
 from __future__ import annotations
 

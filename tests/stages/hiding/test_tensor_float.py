@@ -1,4 +1,4 @@
-"""Convolutions in TF32: torch's own, with the setting on, forward and backward, and only there."""
+"""TF32 convolutions are torch's own, with its setting on, forward and backward, and only for their duration."""
 
 from __future__ import annotations
 

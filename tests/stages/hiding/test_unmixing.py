@@ -1,4 +1,4 @@
-"""Maps of features: exact where the mixing was, simple where that will do, and none where there is only noise."""
+"""Maps of features: exact where features were mixed, simple where that suffices, and none where there is only noise."""
 
 from __future__ import annotations
 

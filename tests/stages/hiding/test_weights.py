@@ -1,4 +1,4 @@
-"""Weights come back bit for bit; a stranger's file is an answer or one error, and never more than its own size."""
+"""Weights come back bit for bit; a stranger's file is read or gives one error, in bounded memory."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def test_what_is_broken_is_told_in_one_line(tmp_path: Path, content: bytes, told
 
 
 def test_a_weight_named_twice_is_at_most_its_own_bytes(tmp_path: Path) -> None:
-    """The library takes the last of two that claim the same bytes, and refuses two that claim different ones."""
+    """The library keeps the last of two entries that claim the same bytes, and refuses two that claim others."""
     one, two = (json.dumps(tensor("F32", [1], start, start + 4)) for start in (0, 4))
     (tmp_path / "same.safetensors").write_bytes(file_of(f'{{"a":{one},"a":{one}}}'.encode(), FOUR))
     assert {name: values.tolist() for name, values in read_weights(tmp_path / "same.safetensors").items()} == {"a": [0]}
@@ -120,7 +120,7 @@ def test_a_header_of_one_mebibyte_is_the_longest(tmp_path: Path) -> None:
 def test_a_file_of_more_than_a_gibibyte_is_not_read(tmp_path: Path) -> None:
     path = tmp_path / "large.safetensors"
     path.write_bytes(TWO)
-    os.truncate(path, 2**30 + 1)  # a hole: it takes no room
+    os.truncate(path, 2**30 + 1)  # a hole, which takes no disk space
     tracemalloc.start()
     try:
         with pytest.raises(UserError, match="too large; found 1073741825; expected at most 1073741824 bytes"):

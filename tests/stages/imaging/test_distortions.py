@@ -56,7 +56,7 @@ def test_stronger_compression_and_smaller_sizes_lose_more() -> None:
 
 
 def test_what_is_reduced_and_enlarged_again_is_no_smaller() -> None:
-    """The one has the sides that it had, and is called so; the other has half of them, even where that is odd."""
+    """`resized` keeps the size, as its wording says; `smaller` halves the sides and makes them even."""
     picture = np.zeros((66, 48, 3), np.uint8)
     assert resized(0.5).apply(picture, generator()).shape == (66, 48, 3)
     assert smaller(0.5).apply(picture, generator()).shape == (32, 24, 3)

@@ -1,4 +1,4 @@
-"""Frames of one colour are taken off, whatever is in them stays."""
+"""Frames of one colour are taken off, and what is in them stays."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ WHITE, BLACK, BLUE = (255, 255, 255), (0, 0, 0), (20, 60, 200)
 
 
 def framed(picture: Picture, above: int, left: int, color: tuple[int, int, int]) -> Picture:
-    """With so many rows above and below it, and columns left and right of it."""
+    """Add `above` rows above and below the picture, and `left` columns on either side."""
     height, width = picture.shape[:2]
     whole = np.full((height + 2 * above, width + 2 * left, 3), color, np.uint8)
     whole[above : above + height, left : left + width] = picture
@@ -46,7 +46,7 @@ def test_of_one_colour_nothing_is_left(size: tuple[int, int]) -> None:
 
 
 def test_frames_without_end_are_taken_off_in_part() -> None:
-    """Not in a pass for each: there may be as many as half the pixels of a side."""
+    """There may be as many frames as half a side has pixels, so not each gets a pass of its own."""
     picture = INNER
     for count in range(4 * PASSES):
         picture = framed(picture, 2, 2, WHITE if count % 2 else BLACK)

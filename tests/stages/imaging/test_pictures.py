@@ -30,7 +30,7 @@ from stages.scene.photo_folder import ANIMATIONS, SUFFIXES
 
 @pytest.fixture
 def gradient() -> np.ndarray:
-    """Smooth, so that JPEG hardly changes it, and different in each corner and channel."""
+    """A picture so smooth that JPEG hardly changes it, and different in each corner and channel."""
     rows, columns = np.mgrid[0:24, 0:32]
     return np.stack([rows * 10, columns * 7, 255 - rows * 4 - columns * 4], axis=-1).astype(np.uint8)
 
@@ -191,7 +191,7 @@ def test_photos_of_phones_with_a_second_picture_in_them_are_read(tmp_path: Path,
 def test_a_picture_never_starts_a_program(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, read: Callable[[Path], object]
 ) -> None:
-    """Pillow gives PostScript, whatever it is called, to the Ghostscript that it finds."""
+    """Pillow passes PostScript, whatever the file is called, to any Ghostscript that it finds."""
     started = tmp_path / "started"
     (tmp_path / "gs").write_text(f"#!/bin/sh\n: > {started}\n")
     (tmp_path / "gs").chmod(0o755)
@@ -214,7 +214,7 @@ def claiming(path: Path, width: int, height: int) -> Path:
 
 
 @pytest.mark.filterwarnings("ignore::PIL.Image.DecompressionBombWarning")
-@pytest.mark.parametrize("side", [15_000, 30_000])  # less than Pillow refuses, and more
+@pytest.mark.parametrize("side", [15_000, 30_000])  # less and more than what Pillow refuses
 def test_too_many_pixels_are_refused_before_there_is_room_for_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, side: int
 ) -> None:

@@ -1,4 +1,4 @@
-"""Photos of packages are known by their bytes, when they are installed and when they are read."""
+"""Photos that packages ship are known by their bytes, when they are installed and when they are read."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ CONTENT = encode_png(PICTURE)
 
 @pytest.fixture
 def unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A package that ships a photo, and another of the same name; nothing is installed yet."""
+    """A package with a known photo and another file of the same name; nothing is installed yet."""
     monkeypatch.setenv("GS_HIDER_DATA", str(tmp_path / "data"))
     monkeypatch.setattr(shipped_photos, "DIGESTS", {"cat.png": _sha256(CONTENT), "dog.png": _sha256(b"a dog")})
     for folder, content in (("a", b"another cat"), ("b", CONTENT)):

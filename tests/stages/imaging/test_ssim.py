@@ -10,7 +10,7 @@ from stages.imaging.ssim import blur, ssim, ssim_map
 
 
 def textbook(picture: Tensor, truth: Tensor) -> Tensor:
-    """Wang et al. (2004), window by window, one [H, W, 3] picture."""
+    """SSIM by Wang et al. (2004), window by window, for one [H, W, 3] picture."""
     offsets = torch.arange(11, dtype=picture.dtype) - 5
     line = torch.exp(-(offsets**2) / (2 * 1.5**2))
     window = line[:, None] * line / line.sum() ** 2

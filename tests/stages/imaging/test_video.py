@@ -1,4 +1,4 @@
-"""Videos hold what was given, nearly, and are the same bytes every time."""
+"""Videos show nearly what was given, and are the same bytes every time."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ WIDTH, HEIGHT = 96, 64
 
 
 def moving(count: int, width: int = WIDTH, height: int = HEIGHT) -> list[Picture]:
-    """A coloured pattern of some pixels' width that drifts over noise."""
+    """A coloured pattern of waves a few pixels long that drifts, with noise."""
     noise = np.random.default_rng(0).uniform(0, 24, (height, width + count, 3))
     x, y = np.meshgrid(np.arange(width + count), np.arange(height))
     waves = np.stack([np.sin(x / 3), np.sin(y / 4 + x / 9), np.sin((x - y) / 5)], axis=-1)
@@ -30,7 +30,7 @@ def moving(count: int, width: int = WIDTH, height: int = HEIGHT) -> list[Picture
 
 
 def packets(webm: bytes, folder: Path) -> tuple[cv2.VideoCapture, list[bytes]]:
-    """What a reader of others finds in the file: the coded pictures as they are."""
+    """The file as another program's reader opens it, and the coded pictures that this reader finds."""
     (folder / "video.webm").write_bytes(webm)
     capture = cv2.VideoCapture(str(folder / "video.webm"), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])
     assert capture.isOpened()

@@ -1,4 +1,4 @@
-"""Windows out of photos: trials that are pictures of their own."""
+"""Windows cut out of photos: each trial is a picture of its own."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def photo(width: int, height: int) -> Picture:
 
 
 def test_photos_take_turns_and_the_same_window_is_no_second_trial() -> None:
-    """Of the very size there is one, of one row more there are two; what is smaller would be enlarged."""
+    """A photo of the window's size has one window, one with a row more has two; smaller photos would be enlarged."""
     sizes = {"same": (12, 8), "small": (11, 40), "row": (12, 9), "large": (24, 16)}
     photos = [(name, photo(*size)) for name, size in sizes.items()]
     windows = list(windows_of_all(photos, 7, WIDTH, HEIGHT, np.random.default_rng(0)))

@@ -63,7 +63,7 @@ def test_a_rig_is_carried_along_with_its_world(similarity: Similarity) -> None:
 @settings(max_examples=25, deadline=None)
 @given(similarities())
 def test_a_message_from_the_same_rig_comes_to_lie_on_it(similarity: Similarity) -> None:
-    """The plain match, which is always the first candidate, undoes whatever separates the two worlds."""
+    """The plain match, always the first candidate, undoes whatever separates the two worlds."""
     cover, points = arc(TARGET, degrees=120), cloud(TARGET)
     message = moved(cover, similarity)
     plain = candidates(cover, message, similarity.points(points), cover_points=points)[0]
@@ -92,7 +92,7 @@ def test_the_best_candidate_fills_every_view(cover: str, message: str) -> None:
 
 
 def test_a_frontal_message_is_seen_from_its_front() -> None:
-    """Behind a frontal capture nothing was photographed: no candidate may look from there."""
+    """Nothing was photographed from behind a frontal capture, so no candidate may look from there."""
     message = RIGS["frontal arc, upright"]
     cover = arc(np.zeros(3), views=9, degrees=50)
     rig = rig_of(message, NO_POINTS)
@@ -136,7 +136,7 @@ def test_a_message_without_points_is_placed_all_the_same() -> None:
 
 
 def test_a_message_photographed_from_higher_up_is_tilted_until_it_is_seen_so() -> None:
-    """The mean view onto the mean view: the other sign would tilt it away by twice as much."""
+    """The message's mean view is turned onto the cover's; the other sign would tilt it away by twice as much."""
     cover, message = (arc(np.zeros(3), views=9, degrees=40, height=height) for height in (0.5, 3.0))
     cover_rig, message_rig = rig_of(cover, NO_POINTS), rig_of(message, NO_POINTS)
     tilt = cover_rig.elevation - message_rig.elevation

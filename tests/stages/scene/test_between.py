@@ -1,4 +1,4 @@
-"""Cameras between others are between two of them, look as these do, and come again with their seed."""
+"""Cameras between others lie and look between two of them, and are the same again with the same seed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cameras that came from anywhere are refused where no training could use them."""
+"""Cameras from any source are refused if no training could use them."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ TARGET = np.array([0.3, -0.2, 0.5])
 
 
 def shaken(cameras: Cameras, seed: int = 0) -> Cameras:
-    """The rig in another order, each camera a little off its place and direction, tilted by some degrees."""
+    """The rig in random order, each camera moved and turned a little."""
     random = np.random.default_rng(seed)
     poses = cameras.world_to_camera[random.permutation(len(cameras))]
     turns = Rotation.from_rotvec(random.normal(scale=0.03, size=(len(cameras), 3))).as_matrix()
@@ -36,7 +36,7 @@ def steps(path: Cameras) -> np.ndarray:
 
 
 def speeds(path: Cameras, distance: float) -> np.ndarray:
-    """What lies between consecutive frames: steps as shares of `distance`, and turns, as one length."""
+    """Distances between consecutive frames: steps, as shares of `distance`, and turns are combined into one length."""
     return step_lengths(np.concatenate([path.centres() / distance, path.world_to_camera[:, 2, :3]], axis=1))
 
 
@@ -72,7 +72,7 @@ def test_the_course_can_be_chosen() -> None:
 
 @pytest.mark.parametrize("course", ["closed", "open"])
 def test_never_where_nobody_looked_from(course: Course) -> None:
-    """Columns of cameras along an arc, from whose one end to the other no step leads along cameras."""
+    """Columns of cameras along an arc, whose two ends are not joined by cameras."""
     heights = (1.0, 1.7, 2.4)
     columns = [arc(TARGET, views=20, degrees=200, height=height).world_to_camera for height in heights]
     rig = replace(arc(TARGET, views=60), world_to_camera=np.concatenate(columns))
@@ -93,7 +93,7 @@ def test_constant_speed_and_level_horizon(degrees: float) -> None:
 
 
 def test_smooth_places_and_turns() -> None:
-    """From frame to frame neither step nor turn changes by more than a small share of itself."""
+    """From frame to frame, steps and turns change by less than a quarter of their mean."""
     path = camera_path(shaken(arc(TARGET, views=30)), NO_POINTS, 120)
     velocity = np.diff(path.centres(), axis=0)
     assert np.linalg.norm(np.diff(velocity, axis=0), axis=1).max() < 0.25 * steps(path).mean()
@@ -113,7 +113,7 @@ def test_the_same_in_any_world(similarity: Similarity) -> None:
 
 
 def test_a_camera_that_only_turns() -> None:
-    """It stands in one place: the speed is that of its turn."""
+    """It stays in one place, so the speed is that of its turning."""
     poses = np.tile(np.eye(4), (9, 1, 1))
     angles = np.linspace(-1, 1, 9)
     poses[:, :3, :3] = Rotation.from_rotvec(angles[:, None] * [0, 1, 0]).as_matrix()
@@ -127,7 +127,7 @@ def test_a_camera_that_only_turns() -> None:
 
 
 def test_straight_down_there_is_no_horizon_to_keep() -> None:
-    """Cameras above a plane, as a drone's: the pictures keep the turn about the view that the cameras have."""
+    """Cameras above a plane, like a drone's: the pictures keep the cameras' own rotation about the view."""
     poses = np.tile(np.diag([1.0, -1, -1, 1]), (16, 1, 1))
     grid = np.stack(np.meshgrid(np.arange(4.0), np.arange(4.0)), axis=-1).reshape(-1, 2)
     poses[:, :3, 3] = -np.einsum("vij,vj->vi", poses[:, :3, :3], np.concatenate([grid, np.full((16, 1), 3.0)], axis=1))
@@ -137,7 +137,7 @@ def test_straight_down_there_is_no_horizon_to_keep() -> None:
 
 
 def test_over_the_top_the_picture_does_not_whirl() -> None:
-    """A ring, and some cameras above it that look down, nearly: there a level horizon would turn at any speed."""
+    """A ring, and cameras above it that look almost straight down, where a level horizon could turn at any speed."""
     ring = arc(TARGET, views=16)
     above = np.tile(np.diag([1.0, -1, -1, 1]), (5, 1, 1))
     centres = TARGET + np.stack([np.linspace(-1, 1, 5), np.zeros(5), np.full(5, 4.0)], axis=1)

@@ -1,4 +1,4 @@
-"""Directions of pixels agree with where points are projected; how far a rig extends."""
+"""Directions of pixels agree with the projection of points; the extent of a rig."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_a_point_along_a_pixels_direction_is_seen_in_that_pixel() -> None:
 
 
 def test_a_rig_extends_as_far_as_its_farthest_camera() -> None:
-    """Lengths are divided by it: where there is no distance to speak of, it is 1."""
+    """Lengths are divided by the extent, so it is 1 if all cameras are in one place."""
     assert rig_extent(standing_at([[-1, 0, 0], [1, 0, 0], [0, 2, 0]])) == pytest.approx(1.1 * 4 / 3)
     assert rig_extent(standing_at([[1, 2, 3]])) == rig_extent(standing_at([[0.1, 0.7, 0.3]] * 3)) == 1.0
 

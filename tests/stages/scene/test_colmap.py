@@ -54,7 +54,7 @@ def test_a_model_is_found_where_captures_keep_it(tmp_path: Path, place: str) -> 
 
 
 def test_of_several_models_the_one_of_most_photos_counts(tmp_path: Path) -> None:
-    """COLMAP writes a model for each part that it could not connect, the largest under any number."""
+    """COLMAP writes a model for each part that it could not connect; the largest may have any number."""
     for number, photos in (("0", 1), ("1", 2), ("2", 2), ("10", 1)):
         write_text_model(tmp_path / "sparse" / number)
         if photos == 1:

@@ -1,4 +1,4 @@
-"""Every camera model that COLMAP itself writes, as text and binary, is read back; so is Mip-NeRF 360's folder."""
+"""Every camera model is read back as COLMAP writes it, as text and binary; so is a folder of Mip-NeRF 360."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ DATA = REPOSITORY.parent / "shared" / "data"
 
 
 def write_models(directory: Path, models: list[dict]) -> None:
-    """By pycolmap, in a process of its own."""
+    """Write models with pycolmap, in a process of its own."""
     (directory / "models.json").write_text(json.dumps(models))
     subprocess.run(
         [sys.executable, "-m", "tests.stages.scene.write_colmap_models", str(directory / "models.json")],
@@ -64,7 +64,7 @@ def test_every_camera_model_is_read_back(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def mip_nerf_360(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A capture as it is downloaded: photos in three sizes, COLMAP's model of the largest, poses of another program."""
+    """A capture as downloaded: photos in three sizes, COLMAP's model of the largest, poses of another program."""
     folder = tmp_path_factory.mktemp("garden")
     truth = arc(np.zeros(3), views=8, degrees=50, radius=5.0, height=0.8, size=SIZE, focal=240.0)
     names = [f"DSC{8000 + view}.JPG" for view in range(8)]
@@ -73,7 +73,7 @@ def mip_nerf_360(tmp_path_factory: pytest.TempPathFactory) -> Path:
         for name, picture in zip(names, photograph(truth), strict=True):
             larger = cv2.resize(picture, (SIZE[0] * times, SIZE[1] * times - (times == 4)))
             (folder / place / name).write_bytes(encode_jpeg(larger, 95))
-    width, height = SIZE[0] * 4, SIZE[1] * 4 - 1  # an odd height, of which a quarter is no whole number
+    width, height = SIZE[0] * 4, SIZE[1] * 4 - 1  # an odd height, not divisible by 4
     camera = ["PINHOLE", width, height, [960.0, 960.0 * height / 600, width / 2, height / 2]]
     posed = [
         {"name": name, "world_to_camera": pose.tolist(), "camera": camera}
@@ -123,7 +123,7 @@ def test_points_of_mip_nerf_360_are_triangulated_and_its_poses_kept(mip_nerf_360
 
 
 def test_photos_of_mip_nerf_360_are_trained_on_as_they_are(mip_nerf_360: Path, tmp_path: Path) -> None:
-    """But for an odd last row: what renders are compared with is not resampled, and each axis has a focal length."""
+    """Except for an odd last row: training pictures are not resampled, and each axis keeps its focal length."""
     made = run_stage(photos, PhotosParameters(folder=mip_nerf_360, images="images"), {}, tmp_path)["capture"]
     scene = run_stage(sfm, SfmParameters(width=1600, matching_size=400), {"capture": made}, tmp_path)["scene"]
     photo = read_picture(picture_path(made, "DSC8003.JPG"))
@@ -137,7 +137,7 @@ def test_photos_of_mip_nerf_360_are_trained_on_as_they_are(mip_nerf_360: Path, t
 @pytest.mark.skipif(not (DATA / "kitchen").is_dir(), reason="the capture kitchen is not at hand")
 @pytest.mark.parametrize(("form", "images"), [("text", "images"), ("binary", "images_2")])
 def test_a_model_of_real_photos(form: str, images: str, tmp_path: Path) -> None:
-    """What structure from motion finds of eight photos, written as COLMAP writes it, gives the same scene again."""
+    """The cameras that structure from motion finds for eight photos, as a COLMAP model, give the same scene again."""
     kept = sorted((DATA / "kitchen").iterdir())[:8]
     folder = tmp_path / "kitchen"
     for times, place in ((1, "images"), (2, "images_2")):

@@ -1,4 +1,4 @@
-"""The points of a COLMAP model, as they are in its files, and files that no model has."""
+"""The points of a COLMAP model are read exactly as stored, and files that no model has are refused."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def test_points_in_another_form_than_the_model_are_not_its_own(tmp_path: Path) -
 
 
 def test_only_what_the_photos_see_counts(tmp_path: Path) -> None:
-    """The first photo sees the second point twice; of photo 9 nothing is known, and nobody sees the third point."""
+    """Photo 1 sees the second point twice, nobody sees the third, and photo 9 is not among the first two given."""
     write_binary_points(tmp_path)
     both = points_seen_by(read(tmp_path), [2, 1])
     assert both is not None
@@ -166,5 +166,5 @@ def test_a_line_that_is_no_point_is_named(
 def test_a_file_of_absurd_size_is_not_read(tmp_path: Path) -> None:
     path = write_binary_points(tmp_path)
     with path.open("r+b") as file:
-        file.truncate(2**40)  # a hole
+        file.truncate(2**40)  # sparse
     expect_refusal(path, "1099511627776 bytes")

@@ -1,4 +1,4 @@
-"""Scenes of small units are enlarged until what their cameras see is drawn."""
+"""Scenes of small units are enlarged until the rasterizer draws what their cameras see."""
 
 from __future__ import annotations
 

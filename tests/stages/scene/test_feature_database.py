@@ -1,4 +1,4 @@
-"""Whatever a kill or a power cut leaves of COLMAP's database, it is used again whole or not at all."""
+"""Whatever a kill or a power cut leaves of COLMAP's database is used again whole or not at all."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PICTURES = 3
 
 
 def write_database(folder: Path) -> Path:
-    """One with so many pictures and as many features that they take several pages."""
+    """A database of `PICTURES` pictures whose features take several pages."""
     path = folder / "database.db"
     with closing(sqlite3.connect(path)) as database, database:
         database.execute("CREATE TABLE images (image_id INTEGER PRIMARY KEY, name TEXT)")

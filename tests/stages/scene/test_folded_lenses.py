@@ -1,4 +1,4 @@
-"""Photos that no lens took, such as a phone's panorama, and few that would crop all others are left out."""
+"""Photos that no lens took, such as a phone's panorama, are left out; so are the few that would crop all others."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ describe(job, model, {}).write(job.folder)
 
 
 def described(folder: Path, others: int, kind: str = "panoramas") -> Reconstruction:
-    """What the process makes of a model of `VIEWS` photos, each with its own lens, the first ones of another kind."""
+    """The result for a model of `VIEWS` photos, each with its own lens; the first `others` are of this kind."""
     guesses = (Lens("SIMPLE_PINHOLE", (1200.0, 512.0, 384.0), 1024, 768),) * VIEWS
     job = Job(folder, guesses, (False,) * VIEWS, (0,) * VIEWS, None, (), (), 100, *SIZE, seed=0, threads=1)
     command = [sys.executable, "-c", DESCRIBE, str(job.write()), str(others), kind]
@@ -63,7 +63,7 @@ def test_where_hardly_any_lens_is_one_nothing_was_placed(tmp_path: Path) -> None
 def test_one_upright_photo_among_wide_ones_is_left_out_and_two_of_twelve_are_not(
     tmp_path: Path, upright: int, left_out: int
 ) -> None:
-    """With it all pictures would show half of what they could; two are more than a tenth, and crop."""
+    """With it, all pictures would show half of what they could; two are more than a tenth, and stay."""
     found = described(tmp_path, upright, "upright")
     assert (found.cropping, found.folded) == (tuple(range(left_out)), ())
     assert found.rows == tuple(range(left_out, VIEWS))

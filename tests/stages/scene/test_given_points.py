@@ -1,4 +1,4 @@
-"""The points of a COLMAP model become those of the scene, as 3DGS takes them, and no photos are compared for it."""
+"""The points of a COLMAP model become those of the scene, as in 3DGS, and no photos are compared for it."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ def truth() -> Cameras:
 
 @pytest.fixture(scope="module")
 def positions() -> np.ndarray:
-    """On the walls, in no order."""
+    """Points on the walls, in no order."""
     along = np.random.default_rng(3).uniform(0.1, 0.9, (100, 2))
     wall = walls()[np.arange(100) % 4]
     return wall[:, 0] + along[:, :1] * wall[:, 1] + along[:, 1:] * wall[:, 2]
 
 
 def points_of_model(cameras: Cameras, positions: np.ndarray) -> list:
-    """Every third is seen by a photo that was left out as well, and every tenth by no other; numbers descend."""
+    """Every third point is also seen by a photo that was left out, every tenth only by that one; numbers descend."""
     pixels, _ = project(cameras, positions)
     inside = ((pixels > 0) & (pixels < SIZE)).all(axis=-1)
     points = []
@@ -68,7 +68,7 @@ def points_of_model(cameras: Cameras, positions: np.ndarray) -> list:
 
 
 def write_model(folder: Path, cameras: Cameras, points: list, form: str) -> None:
-    """Photos are numbered from 10 on, and listed backwards."""
+    """Write a model whose photos are numbered from 10 on and listed backwards."""
     folder.mkdir(parents=True)
     lens = [float(cameras.intrinsics[0][at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2))]
     posed = []
@@ -119,7 +119,7 @@ def test_the_points_of_a_model_are_those_of_the_scene(
 
 
 def given(truth: Cameras, points: KnownPoints | None, directory: Path, lenses: tuple[Lens, ...] = ()) -> Artifact:
-    """A capture whose poses are of a COLMAP model, with these points."""
+    """A capture with the poses of a COLMAP model and these points."""
     made = write(truth, "colmap", directory, photographs=photograph(truth), lenses=lenses)
     if points is None:
         return made
@@ -132,7 +132,7 @@ def given(truth: Cameras, points: KnownPoints | None, directory: Path, lenses: t
 
 
 def known(positions: np.ndarray, seen: int = 50, error: float | None = 0.5) -> KnownPoints:
-    """Of which every photo sees so many, but the last hardly any."""
+    """Points of which every photo sees `seen`, but the last one only 9."""
     colors = np.zeros(positions.shape, np.uint8)
     return KnownPoints(positions, colors, np.array([seen] * (VIEWS - 1) + [9]), error)
 
@@ -140,7 +140,7 @@ def known(positions: np.ndarray, seen: int = 50, error: float | None = 0.5) -> K
 def test_all_but_the_points_is_as_if_they_were_triangulated(
     truth: Cameras, positions: np.ndarray, tmp_path: Path, recorded: dict[str, Json]
 ) -> None:
-    """Lenses, zoomed from photo to photo and distorted, the pinhole for all, and what is recorded of them."""
+    """The lenses, distorted and zoomed differently, the pinhole for all, and what is recorded of them are the same."""
     lenses = tuple(Lens("SIMPLE_RADIAL", (240.0 + 10 * view, 100.0, 75.0, 0.02), *SIZE) for view in range(VIEWS))
     capture = given(truth, known(positions, error=None), tmp_path, lenses)
     log: list[str] = []

@@ -13,7 +13,7 @@ from stages.scene.given_poses import photo_finder
 def test_of_folders_before_a_photo_only_those_are_looked_at_that_can_be_in_its_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A path may have thousands: were every ending of it compared, hostile files would take hours."""
+    """A path may have thousands: if each of its endings were compared, hostile files would take hours."""
     find = photo_finder(["left_far_1.jpg", "left_2.jpg"], tmp_path)
     looked_at: list[str] = []
 

@@ -1,4 +1,4 @@
-"""Each published Gaussian is found, though all were shifted, moved, pruned, doubled, or decoys were put beside them."""
+"""Each published Gaussian is found, even if all were shifted, moved, pruned or doubled, or decoys were added."""
 
 from __future__ import annotations
 
@@ -54,8 +54,10 @@ def test_strangers_are_none_of_them(shift: float) -> None:
 @pytest.mark.parametrize("copies", [1, 5])
 @pytest.mark.parametrize("shift", [0.0, SHIFTED])
 def test_decoys_are_not_taken_for_what_they_stand_beside(changed: dict[str, float], copies: int, shift: float) -> None:
-    """However many, each before the original, and but for one value like it: more like it they would be seen. Nor where
-    these were shifted a little, so that the decoys alone are at the places."""
+    """Decoys, one or five per original and listed before it, differ from it in one value; closer ones would be visible.
+
+    With a shift, only the decoys are at the original places.
+    """
     published = scene(0)
     colours = torch.rand(COUNT, 3, generator=torch.Generator().manual_seed(4)).numpy()
     decoy = Gaussians(

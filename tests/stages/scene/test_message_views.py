@@ -1,4 +1,4 @@
-"""Views are paired by name. What is wrong with messages is told without their names: errors are printed and logged."""
+"""Views are paired by name. Errors about messages do not give their names, since errors are printed and logged."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_a_message_that_lacks_a_view(tmp_path: Path) -> None:
 
 
 def test_views_are_paired_by_name(tmp_path: Path) -> None:
-    """Whatever their order, and whatever else the message was rendered for."""
+    """In any order, even if the message was rendered for more views."""
     pictures = np.arange(3, dtype=np.uint8)[:, None, None, None].repeat(3, axis=3)
     coverage = np.array([0, 0.5, 1], np.float32)[:, None, None]
     points, colors = np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8)

@@ -1,4 +1,4 @@
-"""Splats that are carried elsewhere look from there as they looked from here, their colours included."""
+"""Splats that are carried elsewhere look the same to cameras that are carried along, their colours included."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def coloured(count: int, degree: int, seed: int) -> Gaussians:
-    """Long, opaque Gaussians in all directions whose colours depend strongly on where they are seen from."""
+    """Long Gaussians in random orientations whose colours depend strongly on the viewing direction."""
     generator = torch.Generator().manual_seed(seed)
     points = np.random.default_rng(seed).uniform(-1, 1, (count, 3))
     gaussians = gaussians_at(points, {"sh_base": torch.randn(count, 3, generator=generator)})
@@ -80,7 +80,7 @@ def test_the_pictures_stay_when_cameras_move_along(similarity: Similarity, degre
     plain = build_method("plain", {"sh_degree": degree})
     cameras = arc(np.zeros(3), views=3, size=(32, 24), focal=30.0)
     carried = replace(cameras, world_to_camera=similarity.world_to_camera(cameras.world_to_camera))
-    if similarity.scale < 0.3:  # nearer than the nearest plane
+    if similarity.scale < 0.3:  # nearer than the near plane
         return
     there = moved(gaussians, similarity)
     for here, other in zip(single_cameras(cameras), single_cameras(carried), strict=True):

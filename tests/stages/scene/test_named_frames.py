@@ -1,4 +1,4 @@
-"""Photos of a transforms.json, which names them by paths: in a folder of any name, and undistorted ones."""
+"""Photos that a transforms.json names by paths: in a folder of any name, and undistorted ones."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.stages.test_photos import capture, take
 
 
 def posed(folder: Path, *paths: str, **shared: object) -> None:
-    """A file of poses of photos at these paths, 64 x 48 pixels."""
+    """Write a file of poses for photos of 64 x 48 pixels at these paths."""
     frames: list[dict] = [{"file_path": path, "transform_matrix": MATRIX} for path in paths]
     write(folder, frames, fl_x=60, w=64, h=48, **shared)
 
@@ -71,7 +71,7 @@ def test_undistorted_photos_come_before_the_originals_of_the_same_names(
 
 
 def test_photos_elsewhere_than_the_frames_say_are_found_by_their_names(tmp_path: Path) -> None:
-    """As where the file was written on another machine, or names only some of the photos."""
+    """For instance if the file was written on another machine, or names only some of the photos."""
     scan = tmp_path / "scan"
     for name in ("1.jpg", "2.jpg", "3.jpg"):
         take(scan / "images" / name)
@@ -101,7 +101,7 @@ def test_masks_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 
 @pytest.mark.parametrize(("content", "held_out"), [(None, ["a.jpg"]), ("no JSON", None)])
 def test_the_split_beside_a_model_counts(tmp_path: Path, content: str | None, held_out: list[str] | None) -> None:
-    """nerfstudio leaves a transforms.json beside the model; any other file of that name says nothing."""
+    """nerfstudio leaves a transforms.json beside the model; any other file of that name is ignored."""
     scan = tmp_path / "scan"
     write_text_model(scan / "colmap" / "sparse" / "0")
     for name in ("a.jpg", "b two.jpg"):

@@ -35,7 +35,7 @@ def test_batches_hold_every_pair_once(photos: int, at_least: int) -> None:
 
 @pytest.mark.parametrize("inwards", [True, False])
 def test_photos_are_compared_with_those_that_stand_and_look_alike(inwards: bool) -> None:
-    """A ring of 90 cameras that look inwards, or one that turns on its heel, in no order of their names."""
+    """A ring of 90 cameras that look inwards, or one camera that turns on the spot, in random order."""
     places = np.random.default_rng(0).permutation(90)
     angles = np.radians(4 * places)
     poses = np.tile(np.eye(4), (90, 1, 1))

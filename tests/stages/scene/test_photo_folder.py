@@ -16,7 +16,7 @@ from tests.stages.test_photos import capture, expect_refusal, take
 
 
 def test_photos_in_folders_below_images_are_taken_with_the_folders_in_their_names(tmp_path: Path) -> None:
-    """Of a rig's cameras, or as phones keep them; what stands beside `images` or is hidden is none of them."""
+    """Folders as a rig's cameras or phones make them; what is beside `images` or hidden is left out."""
     for path in ("images/left/0001.jpg", "images/left/0002.jpg", "images/right/far/0001.jpg"):
         take(tmp_path / "rig" / path)
     for path in ("masks/0001.png", "images/.thumbnails/0001.jpg", "left/0003.jpg"):
@@ -30,7 +30,7 @@ def test_photos_in_folders_below_images_are_taken_with_the_folders_in_their_name
 
 
 def test_folders_beside_photos_are_left_alone(tmp_path: Path) -> None:
-    """As depths and masks are, and other sizes."""
+    """They may hold depths, masks or other sizes."""
     for path in ("images/a.jpg", "images/small/a.jpg"):
         take(tmp_path / "scan" / path)
     assert read_capture(capture(tmp_path / "scan", tmp_path / "out")).names == ("a.jpg",)
@@ -62,7 +62,7 @@ def test_a_preview_beside_the_photos_is_not_the_capture(
 
 
 def test_of_any_pictures_it_is_said_how_many_files_were_not_looked_at(tmp_path: Path) -> None:
-    """Of a capture's folder GIFs are no photos, and what lies below it is as it should be."""
+    """In a capture's folder, GIFs are not photos, and files in subfolders are not reported."""
     for path in ("a.png", "d.gif", "g.jfif", "h.png", "site/b.png", "site/deep/c.png", ".hidden/h.png"):
         take(tmp_path / "found" / path)
     for name in ("e.avif", "f.heic", ".DS_Store"):
@@ -78,7 +78,7 @@ def test_of_any_pictures_it_is_said_how_many_files_were_not_looked_at(tmp_path: 
 
 
 def test_of_any_pictures_those_directly_in_the_folder_are_looked_at_whatever_lies_beside_them(tmp_path: Path) -> None:
-    """A folder of that name with more pictures, files of poses, and the same picture in two formats."""
+    """A folder `images` with more pictures, files of poses and one picture in two formats make no difference."""
     found = tmp_path / "found"
     for path in ("a.png", "a.jpg", "b.png", "images/1.png", "images/2.png", "images/3.png", "images/4.png"):
         take(found / path, size=(64, 64))
@@ -97,14 +97,14 @@ def test_photos_that_folders_give_the_same_name_are_refused(tmp_path: Path) -> N
 
 
 def test_a_folder_of_folders_is_refused_with_what_to_do(tmp_path: Path) -> None:
-    """Which of them hold photos of the capture, and not masks or other sizes, nobody said."""
+    """Nothing says which of them hold photos of the capture, and which masks or other sizes."""
     take(tmp_path / "rig" / "left" / "1.jpg")
     expect_refusal(tmp_path / "rig", tmp_path / "out", "folder left", "in one called images", "parameter images")
 
 
 @pytest.mark.parametrize("place", ["", "images/left"])
 def test_pictures_that_are_not_read_are_counted_apart(tmp_path: Path, place: str) -> None:
-    """But not those that a camera wrote beside its photos, nor what systems leave behind."""
+    """Not counted are raw files that a camera wrote beside its photos, and what operating systems leave behind."""
     folder = tmp_path / "photos" / place
     for name in ("1.jpg", "2.jpg", "3.jpg"):
         take(folder / name)
@@ -131,7 +131,7 @@ def test_a_folder_of_which_most_pictures_are_not_read_is_refused(tmp_path: Path)
 
 
 def test_photos_that_cannot_be_read_are_named_together(tmp_path: Path) -> None:
-    """Messengers send dozens of HEIC files under the names of JPEG: one after the other would take dozens of runs."""
+    """Messengers send dozens of HEIC files named as JPEG: naming one at a time would take dozens of runs."""
     folder = tmp_path / "photos"
     take(folder / "1.jpg")
     for number in range(2, 15):
@@ -141,7 +141,7 @@ def test_photos_that_cannot_be_read_are_named_together(tmp_path: Path) -> None:
 
 
 def test_of_any_pictures_one_that_cannot_be_read_stands_in_no_others_way(tmp_path: Path) -> None:
-    """Strangers made them. In a capture it would be missed, so that it stays an error there, and where none is left."""
+    """Strangers made them. In a capture the picture would be missed: there it is an error, and also if none is left."""
     folder = tmp_path / "found"
     for name in ("1.png", "2.jpg", "4.gif"):
         take(folder / name, size=(64, 48))
@@ -194,7 +194,7 @@ def test_copies_of_a_photo_are_left_out_where_no_poses_came(tmp_path: Path) -> N
 
 
 def test_links_that_lead_round_in_a_circle_end(tmp_path: Path) -> None:
-    """Two of them would be followed without end; a folder that is there twice is taken by the name that is no link."""
+    """Two such links could be followed without end; a folder that is also linked to is taken by its own name."""
     take(tmp_path / "rig" / "images" / "right" / "1.jpg")
     for name, leads_to in (("a", "images"), ("b", "images"), ("left", "images/right")):
         (tmp_path / "rig" / "images" / name).symlink_to(tmp_path / "rig" / leads_to)

@@ -1,4 +1,4 @@
-"""Photos in folders below those that are taken: told where they may belong to the capture, and only there."""
+"""Photos in folders beside those used are reported if they may belong to the capture, and only then."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_fewer_photos_in_a_folder_beside_the_others_are_told(tmp_path: Path, pla
     ],
 )
 def test_what_is_no_photo_of_the_capture_is_not(tmp_path: Path, other: str) -> None:
-    """Nor are copies of the photos, whatever their folder is called."""
+    """Nor is a folder with exactly the names of the photos, whatever it is called."""
     folder = scan(tmp_path / "scan", "images/0.jpg")
     if Path(other).suffix == ".txt":
         (folder / other).parent.mkdir()

@@ -1,4 +1,4 @@
-"""Pictures to look through: those directly in the folder, or it is said where they are; or one's own photos."""
+"""Pictures to look through: those directly in the folder, or the error says where some are; or one's own photos."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def refused(folder: Path, out: Path) -> UserError:
 
 
 def test_where_none_was_given_the_captures_own_photos_are_looked_at(tmp_path: Path) -> None:
-    """Wherever they lie, and not what lies beside them; of any other folder, those directly in it."""
+    """Wherever they are, without what is beside them; of any other folder, only pictures directly in it count."""
     scan = tmp_path / "scan"
     log: list[str] = []
     for path in ("images/1.png", "images/2.png", "preview.png", "masks/1.png"):
@@ -54,7 +54,7 @@ def test_pictures_in_folders_below_are_not_looked_at_but_told(tmp_path: Path) ->
 
 
 def test_a_folder_without_pictures_is_told_as_one_of_pictures(tmp_path: Path) -> None:
-    """Not as one without a capture, whose cameras or sub-folders were nobody's."""
+    """The error does not speak of a capture, a rig or `images`, none of which the user has mentioned."""
     folder = tmp_path / "found"
     folder.mkdir()
     for place in (folder, tmp_path / "nowhere"):

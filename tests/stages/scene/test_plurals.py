@@ -1,4 +1,4 @@
-"""Words that go with a number."""
+"""Words that agree with a number."""
 
 from __future__ import annotations
 

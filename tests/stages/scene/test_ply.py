@@ -1,4 +1,4 @@
-"""PLY tables: what is written comes back bit for bit, others read it alike, and what is broken is told in one line."""
+"""PLY tables are read back bit for bit, by plyfile too, and a broken file gives a one-line error."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def same_bits(first: np.ndarray, second: np.ndarray) -> bool:
 
 
 def broken(tmp_path: Path, content: bytes) -> str:
-    """What is said of a file."""
+    """The error for a file with this content."""
     path = tmp_path / "stranger.ply"
     path.write_bytes(content)
     with pytest.raises(UserError) as raised:
@@ -214,7 +214,7 @@ def test_damage_is_an_answer_or_one_error(tmp_path: Path, place: int, replaced: 
     ids=["properties", "elements", "comments", "empty"],
 )
 def test_a_full_header_takes_little_memory(tmp_path: Path, line: bytes) -> None:
-    """As many lines as a header can hold: memory stays in proportion to it, whatever it claims."""
+    """With as many lines as a header can hold, memory stays in proportion to them, whatever they claim."""
     lines = b"".join(line % number for number in range(LARGEST_HEADER // len(line % 99999)))
     path = tmp_path / "full.ply"
     path.write_bytes(VALID.replace(b"end_header", lines + b"end_header") + ROWS)

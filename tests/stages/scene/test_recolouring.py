@@ -1,4 +1,4 @@
-"""Recolouring is the same for harmonics as for the colours that they give."""
+"""Recolouring harmonics gives the same as recolouring the colours that they describe."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def test_hues_keep_grey_and_luminance(hue: float) -> None:
 
 
 def test_hues_are_those_of_css() -> None:
-    """hue-rotate(90deg) of pure red, as the specification's matrix has it."""
+    """hue-rotate(90deg) of pure red, as the specification's matrix gives it."""
     np.testing.assert_allclose(matrix(hue=90.0) @ [1, 0, 0], [0.213 - 0.213, 0.213 + 0.143, 0.213 - 0.787], atol=1e-9)
 
 

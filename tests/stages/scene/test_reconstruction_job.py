@@ -1,4 +1,4 @@
-"""What the process of structure from motion answers does not lie in memory twice, nor at once."""
+"""What the process of structure from motion returns is never in memory twice, nor all at once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Regions and the frames that they are said in."""
+"""Regions and the frames in which they are given."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_a_region_moves_with_its_frame(similarity: Similarity) -> None:
 
 
 def test_the_frame_of_a_rig() -> None:
-    """Cameras on an arc on the side of +x, z up: forwards is -x, right is +y."""
+    """Cameras on an arc on the side of +x, z up: forward is -x, right is +y."""
     cameras = arc(TARGET, views=9, degrees=60)
     frame = rig_frame(rig_of(cameras, np.empty((0, 3))))
     distance = np.hypot(4.0, 1.5)

@@ -1,4 +1,4 @@
-"""Gaussians that were moved as a whole are recognised, whatever else was done to them, and others are not."""
+"""Gaussians that were moved as a whole are recognised, whatever else was done to them; others are not."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ COUNT = 1500
 
 
 def scene(seed: int, count: int = COUNT) -> Gaussians:
-    """A few clusters and a wide surrounding, with sizes and opacities as various as trained ones."""
+    """A few clusters in wide surroundings, with sizes and opacities as varied as trained ones."""
     generator = torch.Generator().manual_seed(seed)
     centres = torch.randn(8, 3, generator=generator)
     means = centres[torch.randint(8, (count,), generator=generator)] + 0.3 * torch.randn(count, 3, generator=generator)
@@ -99,7 +99,7 @@ def test_a_turn_too_small_for_places_to_tell_is_found_all_the_same() -> None:
 
 @pytest.mark.parametrize("expected", [Similarity.identity(), motion(3)])
 def test_single_places_may_be_noisy(expected: Similarity) -> None:
-    """Shapes tell then; pairs are right, and the motion is as exact as noise lets it be."""
+    """Shapes decide then; pairs are right, and the motion is as exact as the noise allows."""
     published = scene(0)
     sigma = 0.015
     found = shaken(moved(published, expected), "means", sigma)
@@ -112,7 +112,7 @@ def test_single_places_may_be_noisy(expected: Similarity) -> None:
 
 
 def test_where_places_and_shapes_are_noisy_it_is_known_but_not_for_certain() -> None:
-    """So it could be another training from the same photos, which has not the same shapes."""
+    """It could be another training from the same photos, which would have other shapes."""
     published = scene(0)
     found = shaken(shaken(published, "means", 0.015), "log_scales", 0.2)
     registration = check(register(found, published, 0), Similarity.identity(), 0.01)
@@ -141,7 +141,7 @@ def test_doubled_and_foreign_gaussians_do_not_disturb() -> None:
 
 
 def flooded(gaussians: Gaussians, times: int) -> Gaussians:
-    """With so many times as many foreign Gaussians about the same places."""
+    """The Gaussians among `times` as many foreign ones around the same places."""
     foreign = scene(9, times * len(gaussians))
     return Gaussians({name: torch.cat([gaussians[name], foreign[name]]) for name in foreign.parameters})
 
@@ -149,7 +149,7 @@ def flooded(gaussians: Gaussians, times: int) -> Gaussians:
 @pytest.mark.parametrize("times", [4, 40])
 @pytest.mark.parametrize("expected", [Similarity.identity(), motion(5)])
 def test_foreign_gaussians_may_be_the_majority(expected: Similarity, times: int) -> None:
-    """What was published is there, every Gaussian of it, and so places tell."""
+    """Every published Gaussian is there, so places decide."""
     published = scene(0, 500)
     registration = check(register(moved(flooded(published, times), expected), published, 0), expected)
     assert registration.matched == pytest.approx(1 / (1 + times), abs=0.01)
@@ -159,7 +159,7 @@ def test_foreign_gaussians_may_be_the_majority(expected: Similarity, times: int)
 
 
 def test_a_fragment_among_foreign_gaussians_is_known_but_not_for_certain() -> None:
-    """Neither many of the found Gaussians are published ones, nor many of the published ones found."""
+    """Few of the found Gaussians are published ones, and few of the published ones are found."""
     published, expected = scene(0), motion(6)
     few = flooded(pruned(published, 0.8), 9)
     registration = check(register(moved(few, expected), published, 0), expected)
@@ -176,7 +176,7 @@ def test_a_fragment_among_foreign_gaussians_is_known_but_not_for_certain() -> No
 def test_it_takes_a_quarter_among_foreign_gaussians_to_be_certain(
     expected: Similarity, share: float, is_certain: bool
 ) -> None:
-    """A thief would have to leave out three quarters of what he stole."""
+    """To avoid it, a thief would have to leave out three quarters of what was stolen."""
     published = scene(0)
     found = flooded(pruned(published, 1 - share), 9)
     registration = check(register(moved(found, expected), published, 0), expected)
@@ -185,7 +185,7 @@ def test_it_takes_a_quarter_among_foreign_gaussians_to_be_certain(
 
 
 def test_many_foreign_gaussians_do_not_lie_where_published_ones_do_by_chance() -> None:
-    """However many there are: of a thousand times as many, one or the other lies nearly everywhere."""
+    """Of a thousand times as many foreign Gaussians, one or another lies nearly everywhere."""
     published = scene(0, 100)
     assert register(scene(0, 100_000), published, 0) is None, "about the same places"
 

@@ -1,4 +1,4 @@
-"""What is said of captures and scenes when nothing failed and yet something is amiss."""
+"""Remarks on captures and scenes when nothing failed and yet something is amiss."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_photos_that_structure_from_motion_could_not_place(tmp_path: Path) -> No
 
 
 def test_photos_that_no_lens_took(tmp_path: Path) -> None:
-    """More overlap would place none of them."""
+    """More overlap would not place them."""
     capture = artifact(tmp_path / "capture", "capture", names=["a.jpg", "b.jpg", "c.jpg"])
     scene = artifact(tmp_path / "scene", "scene", names=["b.jpg"])
     (remark,) = photos_missing_or_cropped(finished({"capture": capture}, {"scene": scene}, folded=["c.jpg"]))

@@ -1,4 +1,4 @@
-"""A lens in front of a resized picture sees every point where it was, scaled by the factor of each side."""
+"""The lens of a resized picture shows every point where it was, scaled by the factor of each side."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ for line in sys.stdin:
 
 
 def projected(*lenses: Lens) -> list[np.ndarray]:
-    """Where a few rays are seen. pycolmap is imported by a process of its own."""
+    """The pixels at which each lens shows a few rays. pycolmap is imported in a process of its own."""
     given = "".join(json.dumps([lens.model, lens.parameters, lens.width, lens.height]) + "\n" for lens in lenses)
     command = [sys.executable, "-c", PROJECT]
     printed = subprocess.run(command, check=True, capture_output=True, text=True, input=given).stdout
@@ -40,7 +40,7 @@ def lens_of(model: str) -> Lens:
 
 @pytest.fixture(scope="module")
 def known_here() -> list[str]:
-    """The models of this pycolmap."""
+    """The camera models that the installed pycolmap knows."""
     listed = "import pycolmap; print(' '.join(pycolmap.CameraModelId.__members__))"
     return subprocess.run([sys.executable, "-c", listed], check=True, capture_output=True, text=True).stdout.split()
 

@@ -1,4 +1,4 @@
-"""Pairs by sizes and opacities, and which of them agree: with nine in ten wrong, the right ones are found."""
+"""Pairs by sizes and opacities, and which of them agree: with 85 % wrong, the right ones are found."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Captures with a file of poses for each split: which photos they are of, and what these are called."""
+"""Captures with a file of poses per split: which photos belong to them, and how these are named."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.stages.test_photos import capture, expect_refusal, take
 
 
 def nerf_synthetic(folder: Path, **names: list[str]) -> None:
-    """A capture as Blender's renderings come: a folder and a file of poses for each split."""
+    """Write a capture like those rendered with Blender: a folder and a file of poses for each split."""
     for split, frames in names.items():
         for name in frames:
             take(folder / split / f"{Path(name).name}.png", size=(64, 64))
@@ -44,7 +44,7 @@ def write_split(folder: Path, split: str, paths: list[str]) -> None:
 
 
 def test_splits_of_photos_in_several_folders(tmp_path: Path) -> None:
-    """Folders that hold all of a split are in no name, others are: two cameras of a rig number their photos alike."""
+    """Names leave out a folder that holds a whole split and keep others: a rig's cameras number their photos alike."""
     folder = tmp_path / "rig"
     frames = {"train": ["train/left/r_0", "train/left/r_1.png", "./train/right/r_0"], "test": ["other/far/r_0"]}
     for split, paths in frames.items():

@@ -1,4 +1,4 @@
-"""What structure from motion begins with, and what is held out of its scene."""
+"""The lens with which structure from motion starts, and the views held out of its scene."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tours are short: on a ring they go round, and no two of their steps cross."""
+"""Tours are short: they go round a ring, and exchanging two of their steps does not shorten them."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_the_longest_step_comes_last() -> None:
 
 
 def test_a_long_step_goes_by_way_of_the_points_between() -> None:
-    """Most of a ring, from one end to the other: back along it, not across."""
+    """From one end of most of a ring to the other, the way leads along it, not across."""
     angles = np.linspace(0, 5, 31)
     points = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     assert by_way_of_others(points, np.array([0, 30])).tolist() == list(range(31))

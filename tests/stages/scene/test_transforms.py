@@ -143,7 +143,7 @@ def test_a_byte_order_mark_is_passed_over(tmp_path: Path) -> None:
 def test_what_the_file_says_beside_poses_is_not_read_for_every_frame(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Hostile files may say much, and have many frames."""
+    """Hostile files may have much else in them, and many frames."""
     given: list[set[str]] = []
     lens = transforms._lens
 

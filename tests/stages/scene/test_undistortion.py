@@ -23,7 +23,7 @@ from stages.scene.undistortion import (
 
 
 def radial(k: float, focal: float = 300.0, width: int = 400, height: int = 300) -> LensView:
-    """A lens with one radial distortion parameter, as COLMAP's SIMPLE_RADIAL."""
+    """A lens with one radial distortion parameter, like COLMAP's SIMPLE_RADIAL."""
     centre = np.array([width, height]) / 2
 
     def project(points: np.ndarray) -> np.ndarray:
@@ -66,7 +66,7 @@ def test_without_distortion_the_pinhole_is_the_photos_own() -> None:
 
 
 def plain(focal: tuple[float, float], middle: tuple[float, float], size: tuple[int, int], scale: float) -> LensView:
-    """A lens without distortion of photos of this size, which were resized."""
+    """A lens without distortion, for photos of this size that were resized by `scale`."""
     factor = np.round(np.array(size) * scale) / size
     center, focals = np.array(middle) * factor, np.array(focal) * factor
     width, height = (int(side) for side in np.round(np.array(size) * scale))
@@ -80,7 +80,7 @@ def plain(focal: tuple[float, float], middle: tuple[float, float], size: tuple[i
 
 @pytest.mark.parametrize("scale", [1.0, 0.77, 0.1])
 def test_photos_of_one_camera_without_distortion_keep_their_pixels(scale: float) -> None:
-    """Whatever its focal lengths and its middle, and in whatever size it was found: but for an odd last row."""
+    """Except for an odd last row or column, whatever the focal lengths, the principal point and the matching size."""
     photo = np.random.default_rng(0).integers(0, 256, (83, 125, 3), dtype=np.uint8)
     lens = plain((110.0, 113.0), (61.3, 43.2), (125, 83), scale)
     pinhole = own_pinhole([lens, lens], (125, 83))
@@ -118,7 +118,7 @@ def test_one_photo_upright_or_zoomed_crops_all_others() -> None:
 
 
 def test_few_photos_that_crop_all_others_are_told() -> None:
-    """Held the other way, or zoomed; many are no mistake, and what crops little may stay."""
+    """They were taken in the other orientation or zoomed; if many are, or if they crop little, they stay."""
     wide, upright, zoomed = radial(0.0), radial(0.0, width=300, height=400), radial(0.0, focal=900.0)
     lenses = [wide, upright, zoomed]
     assert cropping_lenses(lenses, [18, 1, 1], 64, 48) == [1, 2]
@@ -154,7 +154,7 @@ def test_an_undistorted_picture_is_the_mean_over_each_pixels_area(factor: int) -
 
 @pytest.mark.parametrize("k", [-0.12, 0.1])
 def test_distortion_is_taken_out(k: float) -> None:
-    """A photo through the lens, of a smooth pattern on the plane at depth 1, shows that pattern afterwards."""
+    """A photo through the lens, of a smooth pattern on the plane at depth 1, shows that pattern undistorted."""
 
     def pattern(plane: np.ndarray) -> np.ndarray:
         waves = np.stack([np.sin(9 * plane[..., 0]), np.cos(11 * plane[..., 1]), np.sin(7 * plane.sum(axis=-1))])

@@ -1,4 +1,4 @@
-"""Fisheyes that see beyond 90 degrees at the corners show as much as a pinhole may, and no less than narrower ones."""
+"""Fisheyes whose corners see beyond 90 degrees show as much as a pinhole can, and no less than narrower ones."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ print(json.dumps([half_width(float(focal)) for focal in sys.argv[1:]]))
 
 
 def half_widths(*focal_lengths: float) -> list[float]:
-    """Degrees from the middle to the side of the picture. pycolmap is imported by a process of its own."""
+    """Degrees from the middle to the side of the picture. pycolmap is imported in a process of its own."""
     command = [sys.executable, "-c", DESCRIBE, *map(str, focal_lengths)]
     printed = subprocess.run(command, check=True, capture_output=True, text=True, cwd=Path(__file__).parents[3]).stdout
     widths: list[float] = json.loads(printed)
@@ -35,7 +35,7 @@ def half_widths(*focal_lengths: float) -> list[float]:
 
 
 def test_a_wider_lens_shows_no_less() -> None:
-    """Corners at 57, 87, 90, 96 and 106 degrees, and a left side that lies beyond 90 as a whole."""
+    """Corners at 57, 87, 90, 96 and 106 degrees, and a lens whose whole left side is beyond 90."""
     narrow, *wide = half_widths(500, 330, 318, 300, 270, 230)
     assert narrow < 45
     assert wide == pytest.approx([60.0] * 5, abs=0.5)

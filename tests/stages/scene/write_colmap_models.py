@@ -1,14 +1,14 @@
 """COLMAP models written by pycolmap, in a process of its own: `python -m tests.stages.scene.write_colmap_models FILE`.
 
-The file holds a JSON list of models: their folder, `text` or `binary`, and of each photo its name, its world-to-camera
-matrix, and its camera: model, width, height, parameters. Of each model the file then holds the cameras' numbers.
+The file holds a JSON list of models: their folder, `text` or `binary`, and for each photo its name, its world-to-camera
+matrix, and its camera: model, width, height, parameters.
 """
 
 from __future__ import annotations
 
 import json
 import sys
-import zlib  # noqa: F401 - loaded before pycolmap, which brings one that breaks others
+import zlib  # noqa: F401 - loaded before pycolmap, whose own zlib breaks other libraries
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ import pycolmap
 
 
 def write_model(folder: Path, form: str, photos: list[dict[str, Any]]) -> None:
-    """One camera for all photos that have equal ones; a point that the first two see, as observations are skipped."""
+    """Photos with equal cameras share one; the first two see a point, so that there are observations to skip."""
     model, numbers = pycolmap.Reconstruction(), {}
     for number, photo in enumerate(photos, start=1):
         spelt = json.dumps(photo["camera"])

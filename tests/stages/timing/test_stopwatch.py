@@ -1,4 +1,4 @@
-"""Every second belongs to exactly one part, backward passes included, and no bit depends on being watched."""
+"""Every second belongs to exactly one part, backward passes included, and watching changes no bit."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from stages.timing.stopwatch import OTHER, Stopwatch, backward_of, part, watchin
 
 
 class Clock:
-    """Moves only when it is told to."""
+    """A clock that moves only when told to."""
 
     def __init__(self) -> None:
         self.now = 0.0
@@ -21,7 +21,7 @@ class Clock:
         return self.now
 
     def slow(self, forward: float, backward: float) -> Callable[[Tensor], Tensor]:
-        """Doubles; takes so many seconds forward and backward."""
+        """A function that doubles values and takes so many seconds forward and backward."""
         clock = self
 
         class Slow(torch.autograd.Function):
@@ -39,7 +39,7 @@ class Clock:
 
 
 def iteration(clock: Clock) -> Tensor:
-    """Three parts; returns the gradient that reaches the first one's input."""
+    """Three parts, one with an inner part; returns the gradient that reaches the input of the first."""
     values = torch.ones(2, requires_grad=True)
     with part("first"):
         first = clock.slow(1, 10)(values)

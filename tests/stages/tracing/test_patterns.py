@@ -1,4 +1,4 @@
-"""Patterns join up with themselves, stay in [0, 1], and are what their names say."""
+"""Patterns tile without a seam, stay in [0, 1], and are what their names say."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def generator(seed: int = 0) -> np.random.Generator:
 
 
 def seam(field: np.ndarray) -> float:
-    """How much more a field jumps across the page's border than within the page, at most."""
+    """The largest jump of a field across the page's border, relative to the largest within the page."""
     across, within = np.abs(field[0] - field[-1]).max(), np.abs(np.diff(field, axis=0)).max()
     down, beside = np.abs(field[:, 0] - field[:, -1]).max(), np.abs(np.diff(field, axis=1)).max()
     return float(max(across / within, down / beside))

@@ -1,4 +1,4 @@
-"""Pictures show things where their cameras project them, in the right colour, and the same bits for the same seed."""
+"""Pictures show things where their cameras project them, in the right colour, with the same bits for the same seed."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_a_point_on_a_surface_has_its_depth_at_its_pixel() -> None:
     facing = BALLS + RADIUS * towards / np.linalg.norm(towards, axis=1, keepdims=True)
     place, depth = projected(facing)
     assert ((place > 0) & (place < [[WIDTH], [HEIGHT]])).all()
-    found = studio(balls()).depth(POSE, INTRINSICS, place)
+    found = studio(balls()).depth(POSE, INTRINSICS, place.astype(np.float32))
     np.testing.assert_allclose(found, depth, rtol=1e-4)
 
 
@@ -76,7 +76,7 @@ def test_a_picture_does_not_depend_on_how_rays_are_grouped(monkeypatch: pytest.M
     whole = picture(taken_in).astype(int)
     monkeypatch.setattr(photograph, "TILE_RAYS", 144)
     tiled = picture(taken_in)
-    # Other tiles draw other places within the pixels, and nothing else changes.
+    # Other tiles sample other places within the pixels; nothing else changes.
     assert not np.array_equal(tiled, whole)
     assert np.median(np.abs(tiled - whole)) < 2
     assert np.abs(tiled - whole).mean() < 2

@@ -1,4 +1,4 @@
-"""The walk: true rotations, +z forwards, y down, one closed round of small steps."""
+"""The cameras' walk: true rotations, +z forward, y down, one closed loop of small steps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Each built-in place fills every picture, is deep, gives SIFT much to hold on to, and looks like no other."""
+"""Each built-in scene fills every picture, is deep, has many features for SIFT, and looks like no other."""
 
 from __future__ import annotations
 

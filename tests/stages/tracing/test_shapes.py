@@ -19,7 +19,7 @@ SHAPES = {
 
 
 def excess(shape: Shape, point: np.ndarray) -> np.ndarray:
-    """Below 0 inside the shape, above 0 outside, of points [3, N]."""
+    """Negative for points [3, N] inside the shape, positive outside."""
     x, y, z = point
     if isinstance(shape, Box):
         return (np.abs(point) - np.array(shape.half)[:, None]).max(axis=0)
@@ -55,7 +55,7 @@ def test_the_first_hit_is_where_the_ray_enters(name: str) -> None:
     enters = np.where(inside.any(axis=0), steps[inside.argmax(axis=0)], np.inf)
     met = np.isfinite(distance)
     assert 50 < met.sum() < 400
-    # A ray that only grazes may count either way; one that goes in must be seen, and not before nor after it does.
+    # A ray that only grazes may count either way; one that enters must be hit, and exactly where it enters.
     assert met[np.isfinite(enters)].all()
     assert np.abs(excess(shape, origin[:, met] + distance[met] * direction[:, met])).max() < 2e-5
     assert (distance[met] <= enters[met]).all()
@@ -84,7 +84,7 @@ def test_normals_are_gradients(name: str) -> None:
     )
     gradient /= np.linalg.norm(gradient, axis=0)
     agree = (np.stack(normal) * gradient).sum(axis=0)
-    # On an edge between two faces there is no one gradient: float32 may choose the other face there.
+    # On an edge between two faces the gradient is not unique: float32 may choose the other face.
     assert (agree > 0.999).mean() > 0.98
     assert np.isfinite(u).all()
     assert np.isfinite(v).all()

@@ -1,4 +1,4 @@
-"""Pages come back as painted, blurred as asked, and joined up with themselves."""
+"""Pages of texture come back as painted, blurred as asked, and repeat without a seam."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Our Adam is torch's, and leaves torch's compiler alone."""
+"""Our Adam takes the steps of torch's, and does not import torch's compiler."""
 
 from __future__ import annotations
 

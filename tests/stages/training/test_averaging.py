@@ -1,4 +1,4 @@
-"""Averages are those of the last iterations, of Gaussians and networks alike."""
+"""Averages are over the last iterations, for Gaussians and networks alike."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def test_the_average_forgets_by_its_decay() -> None:
 
 
 def test_the_last_fifth_is_averaged_when_density_control_has_ended() -> None:
-    """Rows that come and go have no average."""
+    """Rows that are added and removed have no average."""
     first = Averages(0.9, 30_000).first
     assert first == 24_000
     assert first > density_schedule(30_000).stop

@@ -1,4 +1,4 @@
-"""Gaussians multiply where the picture pulls, and go where they are not seen."""
+"""Gaussians multiply where gradients are large, and go where they are transparent or too large."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_transparent_ones_go() -> None:
 
 
 def test_what_is_large_in_the_world_goes_and_on_the_screen_stays() -> None:
-    """Once an opacity reset has passed; the screen is what 3DGS means to look at, and never does."""
+    """Only once an opacity reset has passed. 3DGS also means to prune by size on the screen, but never does."""
     optimizer = optimizer_with([0.01, 1.1, 0.5])
     control = DensityControl(DensitySettings(), EXTENT, 3)
     control.observe(seen_with_gradients([0, 0, 0], radii=[500, 3, 3]), 2, 2)
@@ -73,7 +73,7 @@ def test_gradients_count_up_and_across_in_device_coordinates() -> None:
 
 
 def test_children_lie_along_their_parents_axes() -> None:
-    """A thread along x, turned by 45 degrees about z, from x towards y."""
+    """A thin Gaussian along x, turned by 45 degrees about z, from x towards y."""
     optimizer = optimizer_with([1.0])
     gaussians = optimizer.gaussians
     with torch.no_grad():
@@ -136,7 +136,7 @@ def test_the_schedule_at_30000_is_that_of_3dgs() -> None:
 
 
 def test_short_trainings_have_no_opacity_resets() -> None:
-    """With one every 600 iterations, plain 3DGS lost 0.5 dB on test views of the bonsai."""
+    """With a reset every 600 iterations, plain 3DGS lost 0.5 dB on test views of the bonsai."""
     schedule = density_schedule(12_000)
     assert not any(schedule.resets_opacity_at(iteration) for iteration in range(1, 12_001))
 

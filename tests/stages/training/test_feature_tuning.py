@@ -1,4 +1,4 @@
-"""What is tuned goes on from what it is: nothing of it is taken back for the schedules of a new training."""
+"""Tuning starts from the values as they are; the schedules of a new training take nothing back."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.stages.training.trainings import prepared
 
 @pytest.mark.parametrize("method_name", ["plain", "sh"])
 def test_harmonics_are_all_shown_from_the_first_iteration(method_name: str) -> None:
-    """Gaussians whose colours depend on where they are seen from, and their own renders as what to learn."""
+    """Gaussians whose colours depend on the viewing direction are tuned on their own renders."""
     trained = prepared(method_name, 1)
     rest = torch.randn(trained.gaussians["sh_rest"].shape, generator=torch.Generator().manual_seed(0))
     gaussians = Gaussians(trained.gaussians.parameters | {"sh_rest": rest})
@@ -31,7 +31,7 @@ def test_harmonics_are_all_shown_from_the_first_iteration(method_name: str) -> N
 
 
 def test_attributes_of_messages_without_their_secret_are_refused() -> None:
-    """3DGS+SH keeps the message in attributes that its method knows of by the secret alone."""
+    """3DGS+SH keeps the message in attributes that its method knows only with the secret."""
     trained = prepared("sh", 1)
     refuse_unknown_attributes(trained.gaussians, trained.method, "finetune_rtws")
     without = build_method("sh", {"sh_degree": 1})

@@ -1,4 +1,4 @@
-"""The loop learns, learns the same bits twice, and follows its schedules and its objective."""
+"""The loop learns, gives the same bits twice, and follows its schedules and its objective."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def penalty_of(training: Training) -> float:
 
 @pytest.fixture
 def threads() -> Iterator[Callable[[int], None]]:
-    """Sets torch's number of threads for one test."""
+    """A function that sets torch's number of threads for one test."""
     before = torch.get_num_threads()
     yield torch.set_num_threads
     torch.set_num_threads(before)
@@ -113,7 +113,7 @@ def test_every_view_once_a_pass() -> None:
 
 
 def test_schedules_may_end_before_the_training_as_in_the_released_code() -> None:
-    """50,000 iterations with 3DGS's schedule of 30,000: density control until 15,000, then the last rates."""
+    """50,000 iterations with 3DGS's schedule of 30,000: density control until 15,000, final rates from 30,000 on."""
     training = prepared("gs_hider", 50_000)
     training.settings = replace(
         training.settings, schedule_share=0.6, final_rate_share=0.1, attribute_rates={"raw_features": 1.0}, extent=3.0
@@ -143,12 +143,12 @@ def test_opacities_are_lowered_when_a_reset_is_due() -> None:
 
 
 def test_overgrown_gaussians_go_once_an_opacity_reset_has_passed() -> None:
-    """They stay in the iteration of the first reset itself, which refines before it resets."""
+    """They survive the iteration of the first reset itself, which refines before it resets."""
     training = prepared("plain", 10, density=DensitySettings(gradient_threshold=1e9))
     training.schedule = DensitySchedule(start=0, stop=10, interval=3, opacity_reset_interval=3)
     with torch.no_grad():
         training.gaussians["log_scales"].fill_(-4)
-        training.gaussians["log_scales"][0] = 0  # a tenth of the extent, which is 1, is the most
+        training.gaussians["log_scales"][0] = 0  # the limit is a tenth of the extent, which is 1
     counts = []
     for iteration in range(1, 7):
         training.step(iteration)

@@ -1,4 +1,4 @@
-"""Rows and their moments move together when Gaussians come and go."""
+"""Gaussians and their moments in Adam stay together when Gaussians are added and removed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a workflow says of a training arrives in its loop."""
+"""The settings that a workflow states reach the training loop."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_every_setting_arrives() -> None:
 
 
 def test_the_constants_are_those_of_3dgs() -> None:
-    """Section 5 of Kerbl et al. (2023) and their code; Adam's epsilon is tried where it matters."""
+    """Section 5 of Kerbl et al. (2023) and their code; `test_optimizer` tests Adam's epsilon."""
     settings = TrainingParameters().settings(1.0)
     density = settings.density
     assert (settings.position_rate, settings.final_position_rate) == (1.6e-4, 1.6e-6)
@@ -46,7 +46,7 @@ def test_the_constants_are_those_of_3dgs() -> None:
 
 
 def test_every_setting_of_hiding_arrives(tmp_path: Path) -> None:
-    """Those of SSIM, each to its picture; rates of features and networks, and what is left of them."""
+    """SSIM weights reach their own pictures; so do rates of features and networks, and the final share of rates."""
     stated = {"ssim_weight_cover": 0.3, "ssim_weight_message": 0.1, "lambda_message": 0.7}
     rates = {"feature_rate": 0.02, "network_rate": 0.003, "final_rate_share": 0.5}
     caught: list[Training] = []

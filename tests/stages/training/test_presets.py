@@ -1,4 +1,4 @@
-"""What a method brings with it holds where nothing is stated, and only there."""
+"""A method's presets apply to settings that are not stated, and only to those."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The prior on Gaussians: transparent and small, whatever the photos show."""
+"""The prior prefers transparent and small Gaussians, whatever the photos show."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_without_weights_or_gaussians_there_is_none(count: int, weight: float) -
 
 @pytest.mark.parametrize(("weight", "held"), [("opacity_weight", "opacities"), ("scale_weight", "scales")])
 def test_a_training_that_it_outweighs_ends_with_less(weight: str, held: str) -> None:
-    """Density control aside, which prunes what becomes transparent."""
+    """Without density control, which prunes what becomes transparent."""
     without, weighed = (ended(**{weight: value}) for value in (0.0, 1e4))
     assert getattr(weighed, held).mean() < 0.9 * getattr(without, held).mean()
 
@@ -54,7 +54,7 @@ def ended(**weights: float):
 
 
 def test_it_counts_once_for_all_views() -> None:
-    """The first step's loss is told before anything has changed."""
+    """The first step's loss is computed before anything has changed."""
     training = prepared("plain", 1)
     settings = replace(training.settings, opacity_weight=30.0)
     weighed = Training(training.gaussians, training.method, training.views, training.terms, settings)

@@ -1,4 +1,4 @@
-"""A training that was interrupted, anywhere and any number of times, makes the bits of one that was not."""
+"""A training that was interrupted anywhere, any number of times, makes the bits of one that was not."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ HIDDEN = "homogeneous"
 
 
 def fresh(method: str) -> Training:
-    """Refined six times, twice with its opacities reset; a point of the curves every seven iterations."""
+    """A training with six refinements, two opacity resets and a point of its curves every seven iterations."""
     density = DensitySettings(gradient_threshold=1e-7, dense_fraction=0.2, largest_fraction=2, maximum_gaussians=70)
     training = prepared(method, ITERATIONS, density=density, precision="bfloat16")
     training.schedule = SCHEDULE
@@ -45,7 +45,7 @@ def fresh(method: str) -> Training:
 
 @dataclass
 class Trained:
-    """What is left of a training."""
+    """The result of a training."""
 
     state: State
     rows: list[MetricRow]
@@ -64,7 +64,7 @@ class Trained:
 def session(
     method: str, scratch: Path, stop_after: float = math.inf, make: Callable[[Context], Checkpoints] | None = None
 ) -> Trained | list[str]:
-    """One go at a training; if it is stopped, what it logged."""
+    """One session of a training; if it is stopped, its log."""
     training, log, progress = fresh(method), [], []
 
     def told(done: float, total: float, figures: object) -> None:
@@ -101,9 +101,9 @@ def test_the_trainings_here_do_all_that_changes_a_state() -> None:
 @given(method=st.sampled_from(METHODS), stops=st.lists(st.integers(0, ITERATIONS), min_size=1, max_size=4))
 @example("plain", [0])
 @example("plain", [1, ITERATIONS])
-@example(HIDDEN, [12, 15])  # just refined, just after its opacities were reset
+@example(HIDDEN, [12, 15])  # just after a refinement, and just after an opacity reset
 @example("gs_hider", [11, 12, 12, 13])
-@example(HIDDEN, [14, 30, 31])  # at the end of a stretch of the curves, refined and reset at once
+@example(HIDDEN, [14, 30, 31])  # at the end of a stretch of the curves, and after a refinement together with a reset
 def test_stops_anywhere_change_no_bit(tmp_path_factory: pytest.TempPathFactory, method: str, stops: list[int]) -> None:
     scratch = tmp_path_factory.mktemp("scratch")
     for stop in sorted(stops):
@@ -121,7 +121,7 @@ def test_stops_anywhere_change_no_bit(tmp_path_factory: pytest.TempPathFactory, 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_killed_between_two_checkpoints(method: str, tmp_path: Path) -> None:
-    """Checkpoints by time, and no word before the end; what was done since the last is done again."""
+    """Checkpoints by time, and no warning of the end; what was done since the last one is done again."""
 
     class Killed(BaseException):
         pass
@@ -187,7 +187,7 @@ def test_a_damaged_checkpoint_costs_time_only(damage: Callable[[Path], None], tm
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_training_draws_from_no_global_generator(method: str) -> None:
-    """None is in a checkpoint: what was drawn from one would be another number after an interruption."""
+    """Checkpoints hold none of them, so a number drawn from one would differ after an interruption."""
     training = fresh(method)
     torch_before, numpy_before, python_before = torch.get_rng_state(), np.random.get_state(), random.getstate()  # noqa: NPY002
     training.run(lambda: None)

@@ -1,4 +1,4 @@
-"""What the log of a training says."""
+"""A training that diverges, has no Gaussians left, or is limited in growth: its errors and its log."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ITERATIONS = 400
 
 
 def test_a_training_that_diverges_ends_at_once() -> None:
-    """With an error that says where, and not with a container of which nothing is a number."""
+    """With an error that says where, and not with a container full of NaN."""
     training = prepared("gs_hider", 10)
     training.step(1)
     with torch.no_grad():
@@ -39,7 +39,7 @@ def test_a_loss_that_is_not_finite_is_refused(loss: float) -> None:
 
 
 def test_nothing_is_left_to_hold_back_where_no_gaussians_are() -> None:
-    """Density control may prune all: a mean over none is no number."""
+    """Density control may prune all Gaussians, and a mean over none is NaN."""
     training = prepared("homogeneous", 10)
     assert training.method.penalty(training.gaussians) is not None
     none = {name: values[:0] for name, values in training.gaussians.parameters.items()}

@@ -1,4 +1,4 @@
-"""Random points lie before the cameras, and do not depend on what is hidden."""
+"""Starting points: random ones lie before the cameras, those of a message have its colours and are not too near."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def test_a_start_without_any_gaussian_is_refused() -> None:
 
 
 def test_no_point_of_a_message_stands_right_before_a_training_camera() -> None:
-    """The cover's nearest things are 3 units away; a test camera does not count."""
+    """The cover's nearest things are 3 units away."""
     scene = scene_with(cloud())
     near, far = np.array([[0.0, 0, 1], [0.5, 0, -0.5]]), np.array([[0.0, 0, 6], [0, 0, 7], [0, 9, 0]])
     assert clear_of_cameras(scene, np.concatenate([near, far])).tolist() == [2, 3, 4]
@@ -107,13 +107,13 @@ def test_no_point_of_a_message_stands_right_before_a_training_camera() -> None:
 
 
 def test_points_of_a_message_may_be_a_quarter_nearer_than_the_covers_nearest_things() -> None:
-    """These are 3 units away: 2.25 are too near."""
+    """Those are 3 units away, so points within 2.25 units are too near."""
     behind = np.array([[0.0, 0, -2.2], [0, 0, -2.4], [0, 0, -2.9]])
     assert clear_of_cameras(scene_with(cloud()), behind).tolist() == [1, 2]
 
 
 def test_random_points_are_uniform_in_inverse_depth() -> None:
-    """Half of them lie before the middle of the inverse depths, and a quarter before the middle of the nearer half."""
+    """Each quarter of the range of inverse depths holds a quarter of the points."""
     scene = replace(scene_with(cloud()), test_names=("a", "c"))
     inverse = 1 / points_before_cameras(scene, 4000, np.random.default_rng(0))[:, 2]
     shares = (inverse - inverse.min()) / (inverse.max() - inverse.min())

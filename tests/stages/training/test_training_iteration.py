@@ -1,4 +1,4 @@
-"""`tests.benchmarks.training_iteration`: it measures where stages work, and says where that is."""
+"""`tests.benchmarks.training_iteration` measures on the device that stages use, and names it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a training learns from: its training views, each with its own camera, and nothing that is held out."""
+"""A training learns from its training views, each with its own camera, and from nothing that is held out."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_no_view_that_is_held_out_is_learnt_from(tmp_path: Path) -> None:
 
 
 def test_a_scene_of_test_views_alone_is_told(tmp_path: Path) -> None:
-    """`import_scene` takes one: it can be evaluated on."""
+    """`import_scene` accepts such a scene, since it can be evaluated on."""
     cover, before = small.scene(tmp_path / "scene", test_views=small.VIEWS), small.splats(tmp_path / "splats")
     scene, key, inputs = read_scene(cover), key_of(tmp_path, 0), {"container": before, "cover": cover}
     for learn in (

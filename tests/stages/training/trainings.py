@@ -1,4 +1,4 @@
-"""Small trainings on flat pictures: an orange cover, in which methods that hide hide a blue message."""
+"""Small trainings on flat pictures: an orange cover and, for methods that hide, a blue message."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ def rig(seed: int = 1, views: int = VIEWS) -> Cameras:
 
 
 def beside(cameras: Cameras, degrees: float = 4.0, step: float = 0.1) -> Cameras:
-    """A camera of the middle of the rig, turned and moved a little: where none of the rig stands."""
+    """One camera: the middle one of the rig, turned and moved a little to where no camera of the rig stands."""
     moved = np.eye(4)
     moved[:3, :3] = Rotation.from_euler("xyz", [degrees, -degrees, degrees], degrees=True).as_matrix()
     moved[:3, 3] = step, -step, step
@@ -51,5 +51,5 @@ def beside(cameras: Cameras, degrees: float = 4.0, step: float = 0.1) -> Cameras
 
 
 def photograph(gaussians: Gaussians, method: Method, camera: Cameras) -> Picture:
-    """What the only camera of a rig sees, in 8 bits."""
+    """The 8-bit picture that a single camera sees."""
     return renders(gaussians, method, camera, lambda: None)[0]

@@ -1,4 +1,4 @@
-"""A picture's camera is found to a fraction of a pixel, of cut pictures too; of other pictures none is."""
+"""A picture's camera is found to a fraction of a pixel, even if the picture is cropped; other pictures have none."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def known() -> Landmarks:
 
 
 def seen(camera: Cameras) -> np.ndarray:
-    """Where the landmarks that are about the middle of the picture lie in it, in pixels."""
+    """Where the camera sees the landmarks, in pixels."""
     places = (known().points @ camera.world_to_camera[0, :3, :3].T + camera.world_to_camera[0, :3, 3]) @ (
         camera.intrinsics[0].T
     )
@@ -33,7 +33,7 @@ def seen(camera: Cameras) -> np.ndarray:
 
 
 def off(found: Cameras, true: Cameras) -> float:
-    """By how many pixels landmarks inside the picture lie elsewhere, on average."""
+    """The mean error in pixels of the landmarks that the true camera's picture shows."""
     wanted = seen(true)
     inside = ((wanted > 0) & (wanted < [true.width, true.height])).all(axis=1)
     return float(np.linalg.norm(seen(found)[inside] - wanted[inside], axis=1).mean())

@@ -1,4 +1,4 @@
-"""The network runs both ways exactly, and a codec is the same after it was stored."""
+"""The network is exactly invertible, and a codec is the same after a round trip through the store."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from stages.hiding.watermark.storage import read_codec, write_codec
 
 
 def shaken(module: torch.nn.Module, scale: float = 0.1) -> torch.nn.Module:
-    """Weights of any size in all layers: as they start, the last ones are zero."""
+    """Draw all weights at random: the last layers start at zero."""
     generator = torch.Generator().manual_seed(1)
     with torch.no_grad():
         for weight in module.parameters():
@@ -101,12 +101,12 @@ def test_what_sees_whole_pictures_starts_as_it_was_and_sees_far() -> None:
     images = torch.rand(1, 3, 8, 80, generator=torch.Generator().manual_seed(0))
     changed = torch.cat([images[..., :-8], torch.zeros(1, 3, 8, 8)], dim=-1)
     local = codec.watermark_decoder(images)
-    near = slice(0, 8)  # 64 pixels from what changes: convolutions do not reach so far
+    near = slice(0, 8)  # 64 pixels from the change: farther than the convolutions reach
     assert torch.equal(codec.watermark_decoder(changed)[..., near], local[..., near])
     codec.see_whole_pictures()
     assert torch.equal(codec.watermark_decoder(images), local)
     shaken(codec)
-    codec.see_whole_pictures()  # again: it forgets nothing
+    codec.see_whole_pictures()  # calling it again forgets nothing
     found = [codec.watermark_decoder(each)[..., near] for each in (images, changed)]
     assert (found[1] - found[0]).abs().max() > 1e-6
 

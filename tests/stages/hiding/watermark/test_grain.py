@@ -1,4 +1,4 @@
-"""Grain is as strong as asked for and has its colour, and leaves the message and the geometry alone."""
+"""Grain has the strength asked for and its own colour, and leaves the message and the geometry unchanged."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SETTINGS = {"feature_dim": 8, "layers": 2, "decoder_width": 8, "kernel_size": 3,
 
 
 def differences(before: Gaussians, after: Gaussians, folder: Path, method: object, name: str) -> torch.Tensor:
-    """Of all cameras' pictures, in levels of 255."""
+    """How the pictures of all cameras differ, in levels of 255."""
     cameras = read_scene(small.scene(folder / f"scene {name}")).cameras
     shown = [
         torch.stack([each.pictures[name] for each in photographs(gaussians, method, cameras)])  # type: ignore[arg-type]
@@ -81,7 +81,7 @@ def test_coupled_features_keep_the_message(tmp_path: Path) -> None:
 
 
 def test_rounding_tells_no_coin(tmp_path: Path) -> None:
-    """With one amount for all Gaussians, each published float32 could be asked which of the two it may come from."""
+    """With one amount for all Gaussians, each published float32 could show which of two values it was rounded from."""
     artifact = small.splats(tmp_path / "splats")
     before, method = read_gaussians(artifact), read_method(artifact)
     cameras = read_scene(small.scene(tmp_path / "scene")).cameras

@@ -1,4 +1,4 @@
-"""Pictures that know nothing of the coins score as chance does; pictures of a container with grain do not."""
+"""Pictures made without the coins score as chance does; pictures of a container with grain score far higher."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SECRET = 11
 
 
 def throws(seed: int) -> Float[Tensor, "N K"]:
-    """Coins and decoys by what takes the place of a key."""
+    """Coins and decoys drawn from a seed in place of a key."""
     return with_decoys(len(GAUSSIANS), np.random.default_rng(seed))
 
 
@@ -55,7 +55,7 @@ def clean_render() -> Picture:
 
 
 def test_chance_has_mean_zero_and_deviation_one() -> None:
-    """Whatever the picture: a photo-like one, one of the scene itself, and noise."""
+    """For any picture: noise, a render of the scene itself, and one of another scene."""
     camera = single_cameras(beside(RIG))[0]
     noise = np.random.default_rng(3).integers(0, 256, (HEIGHT, WIDTH, 3)).astype(np.uint8)
     other, method = cloud(seed=5)
@@ -80,7 +80,7 @@ def test_grain_is_found_by_who_knows_the_coins() -> None:
 
 @pytest.mark.parametrize(("known", "drowns"), [(SECRET, True), (SECRET + 1, False), (SECRET + 2, False)])
 def test_a_grain_drowns_in_no_decoys_but_its_own(known: int, drowns: bool) -> None:
-    """Who knows the source but not the key may add what decoys he likes; with the owner's the attack would work."""
+    """Those who know the source but not the key can add decoys of their own; only the owner's would hide the grain."""
     camera = single_cameras(beside(RIG))[0]
     decoys = splat(GAUSSIANS, throws(known)[:, 1:].contiguous(), camera).feature_map.double().numpy()
     pattern = decoys @ np.random.default_rng(0).choice([-1.0, 1.0], DECOYS)
@@ -96,7 +96,7 @@ def test_what_has_no_grain_shows_nothing() -> None:
     assert abs(reader().score(clean)) < 5
     stranger, method = cloud(seed=7)
     assert reader().score(photograph(stranger, method, RIG.select(["0"]))) == 0
-    for seed in range(4):  # some are recognised, by chance, as taken from somewhere
+    for seed in range(4):  # by chance, a camera is found for some of them
         noise = np.random.default_rng(seed).integers(0, 256, (HEIGHT, WIDTH, 3)).astype(np.uint8)
         assert abs(reader().score(noise)) < 5
     assert reader().certainty(np.zeros((HEIGHT, WIDTH, 3), np.uint8)) == pytest.approx(0, abs=0.01)
@@ -124,7 +124,7 @@ def test_grain_is_found_in_a_mirrored_or_turned_picture(quarters: int) -> None:
 
 @pytest.mark.parametrize(("size", "above", "left", "color"), FRAMES)
 def test_a_frame_of_one_colour_hides_no_grain(size: tuple[int, int], above: int, left: int, color: int) -> None:
-    """Letterboxed, pillarboxed, on a page: in the whole file's middle, at the whole file's size, nothing is."""
+    """Letterboxed, pillarboxed or on a page, no grain is found at the middle and the size of the whole file."""
     marked, clean = (
         np.pad(resize_picture(picture, *size), ((above, above), (left, left), (0, 0)), constant_values=color)
         for picture in (marked_render(), clean_render())
@@ -135,7 +135,7 @@ def test_a_frame_of_one_colour_hides_no_grain(size: tuple[int, int], above: int,
 
 
 def test_a_scene_before_a_background_of_one_colour_needs_none_of_it() -> None:
-    """Taken off with it is how far away an object is, and where in the picture."""
+    """Cutting the background off would lose how far away an object is, and where in the picture."""
     pose = beside(RIG).world_to_camera.copy()
     pose[0, :3, 3] += 1.2, 0.6, 1.0
     picture = photograph(

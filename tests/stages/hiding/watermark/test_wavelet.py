@@ -1,4 +1,4 @@
-"""The wavelet transform loses nothing and keeps lengths, whatever the picture."""
+"""The wavelet transform loses nothing and preserves lengths, whatever the picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Small files of splats in every format, of Gaussians that are drawn at random."""
+"""Small files of random splats in every format."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def columns(count: int, degree: int, seed: int = 0) -> dict[str, np.ndarray]:
 
 
 def write_ply(path: Path, table: dict[str, np.ndarray], byte_order: str = "<", text: bool = False) -> Path:
-    """One element `vertex`, by the package that 3DGS itself uses."""
+    """Write one element `vertex` with plyfile, the package that 3DGS itself uses."""
     rows = np.empty(len(next(iter(table.values()))), [(name, column.dtype) for name, column in table.items()])
     for name, column in table.items():
         rows[name] = column
@@ -31,7 +31,7 @@ def write_ply(path: Path, table: dict[str, np.ndarray], byte_order: str = "<", t
 
 
 def pack(values: list[int], bits: tuple[int, ...]) -> int:
-    """Fields in one integer, the first in the highest bits."""
+    """Pack fields into one integer, the first in the highest bits."""
     packed = 0
     for value, width in zip(values, bits, strict=True):
         assert 0 <= value < 2**width
@@ -42,7 +42,7 @@ def pack(values: list[int], bits: tuple[int, ...]) -> int:
 def compressed_ply(
     vertices: list[list[int]], chunks: list[list[float]], colored: bool = True, harmonics: list[list[int]] | None = None
 ) -> bytes:
-    """`vertices` as in PACKED; `chunks` are the least values, then the largest, each as in CHUNK_RANGES."""
+    """`vertices` are as in PACKED; each chunk has the smallest, then the largest values, in CHUNK_RANGES's order."""
     ranges = CHUNK_RANGES if colored else CHUNK_RANGES[:6]
     header = [
         *("ply", "format binary_little_endian 1.0", "comment by a test", f"element chunk {len(chunks)}"),

@@ -1,4 +1,4 @@
-"""Splats of every format become the same stored values, and what is broken is told in one line."""
+"""Splats of every format become the same stored values, and a broken file gives a one-line error."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_a_single_gaussian_is_no_view_of_the_file(tmp_path: Path) -> None:
     (tmp_path / "a.splat").write_bytes(records(1).tobytes())
     with warnings.catch_warnings(action="error"):
         gaussians, _ = read_splats(tmp_path / "a.splat")
-    gaussians["means"][0, 0] = 1.0  # of mapped memory that cannot be written to this would end the process
+    gaussians["means"][0, 0] = 1.0  # in read-only mapped memory this would end the process
 
 
 @pytest.mark.parametrize("degree", range(4))
@@ -62,7 +62,7 @@ def test_ply_of_3dgs(tmp_path: Path, degree: int, form: str) -> None:
     close("log_scales", "scale_0", "scale_1", "scale_2")
     close("logit_opacities", "opacity")
     close("sh_base", "f_dc_0", "f_dc_1", "f_dc_2")
-    each = REST[degree] // 3  # harmonics of one colour, which stand together in the file
+    each = REST[degree] // 3  # the number of harmonics per colour; the file groups them by colour
     close("sh_rest", *(f"f_rest_{color * each + k}" for k in range(each) for color in range(3))) if each else None
     assert gaussians["sh_rest"].shape == (7, each, 3)
 
@@ -264,7 +264,7 @@ def test_what_a_header_claims_takes_no_memory(tmp_path: Path, form: str) -> None
 
 
 def read_or_refuse(path: Path, content: bytes) -> None:
-    """What is read is sound; anything else is a `UserError`."""
+    """Read a file, which must give sound Gaussians or a `UserError`."""
     path.write_bytes(content)
     try:
         gaussians, degree = read_splats(path)
@@ -283,7 +283,7 @@ def test_any_bytes(tmp_path: Path, content: bytes) -> None:
 
 
 def damaged(whole: bytes) -> st.SearchStrategy[bytes]:
-    """A file with a few bytes cut out, put in or changed."""
+    """A file with a few bytes removed, inserted or changed."""
     edit = st.tuples(st.integers(0, len(whole)), st.integers(0, 8), st.binary(max_size=8))
 
     def apply(edits: list[tuple[int, int, bytes]]) -> bytes:
@@ -308,7 +308,7 @@ def test_damaged_files(tmp_path: Path, data: st.DataObject) -> None:
     read_or_refuse(tmp_path / "damaged", data.draw(st.sampled_from(forms).flatmap(damaged)))
 
 
-# The pictures were looked at: a truck and a biker, upright and sharp. The figures are another reader's.
+# Renders were inspected: a truck and a biker, upright and sharp. The figures come from another reader.
 @pytest.mark.skipif(not REAL.is_dir(), reason="the real scenes are not at hand")
 @pytest.mark.parametrize(
     ("name", "count", "opacity", "color", "scale"),
