@@ -61,7 +61,7 @@ _KERNEL_AT_POINTS = torch.kron(_FILTER_AT_POINTS, _FILTER_AT_POINTS)
 """G ⊗ G [36,9]: evaluates the nine taps of a filter, row by row, at all 36 pairs of points."""
 
 
-def can_convolve(values: Float[Tensor, "B C H W"], weight: Float[Tensor, "D C height width"]) -> bool:
+def can_convolve(values: Float[Tensor, "*batch C H W"], weight: Float[Tensor, "D C height width"]) -> bool:
     """Whether `convolve` supports these tensors.
 
     The filters must be 3 x 3, the numbers of channels multiples of 16, `values` not empty, and both tensors float32, or

@@ -31,7 +31,7 @@ def rasterize(
     intrinsics: Float[Tensor, "*cameras 3 3"],
     width: int,
     height: int,
-    background: Float[Tensor, "*cameras M"] | None = None,
+    background: Float[Tensor, "*cameras M"] | Float[Tensor, " M"] | None = None,
     settings: RasterSettings = RasterSettings(),  # noqa: B008 (frozen)
     *,
     depth: bool = False,

@@ -137,7 +137,7 @@ def _layer(
     return layer.T.flatten(), layer[: sizes.readings + sizes.pictures, :-1].contiguous()
 
 
-def _rows(part: Float[Tensor, "K M"], bias: float, size: int, channels: int) -> Float[Tensor, "size channels+1"]:
+def _rows(part: Float[Tensor, "K M"], bias: float, size: int, channels: int) -> Float[Tensor, "{size} {channels}+1"]:
     """A part of the layer, padded with zeros to `size` rows and `channels` columns, followed by the bias."""
     rows = part.new_zeros(size, channels + 1)
     rows[: len(part), : part.shape[1]] = part

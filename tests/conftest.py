@@ -9,9 +9,13 @@ from __future__ import annotations
 
 import os
 import signal
+from collections.abc import Iterator
 
+import jaxtyping
 import pytest
 from hypothesis import settings
+
+from tests.array_types import arrays_checked
 
 settings.register_profile("repeatable", derandomize=True)
 settings.register_profile("search", derandomize=False)
@@ -22,6 +26,18 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Runs that tests start would ask for the machine's NVIDIA GPU, which has its own checks (tests.benchmarks.nvidia).
 os.environ.setdefault("CUDA_VISIBLE_DEVICES", "")
+
+
+# Before anything imports these two packages.
+jaxtyping.install_import_hook(["opencl", "stages"], f"{arrays_checked.__module__}.{arrays_checked.__name__}")
+
+
+@pytest.fixture
+def any_arrays() -> Iterator[None]:
+    """For tests of what functions themselves say of wrong arrays: these are let through."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -101,8 +101,8 @@ def _pairs_in_range(
         tiles = torch.repeat_interleave(torch.arange(len(starts)), lengths)
         block = (torch.arange(len(flatten_ids)) - starts[tiles]) // (tile_size * tile_size)
         chosen = (block >= range_start) & (block < range_end)
-        unused = means2d.new_empty(0)
-        footprints = Footprints(means2d[0], conics[0], opacities[0], unused, unused, unused)
+        unused = (torch.zeros_like(means2d[0]), torch.zeros_like(opacities[0]), torch.ones_like(opacities[0]).bool())
+        footprints = Footprints(means2d[0], conics[0], opacities[0], *unused)
         gaussians, pixels = contributing_pairs(
             *(footprints, tiles[chosen], flatten_ids.long()[chosen], image_width, image_height, tile_size),
             *(transmittances.flatten(), _THRESHOLDS),

@@ -38,7 +38,7 @@ def jensen_shannon(first: Float[np.ndarray, " B"], second: Float[np.ndarray, " B
     return float(sum(rel_entr(share, middle).sum() for share in shares)) / (2 * math.log(2))
 
 
-def edges_of(values: Float[np.ndarray, " K"], other: Float[np.ndarray, " L"]) -> Float64[np.ndarray, " B+1"]:
+def edges_of(values: Float[np.ndarray, " K"], other: Float[np.ndarray, " L"]) -> Float64[np.ndarray, " edges"]:
     """Edges of `BINS` equally wide bins for the values of both samples; the two outermost are open-ended."""
     both = np.concatenate([values, other]).astype(float)
     low, high = np.quantile(both, [TAIL, 1 - TAIL])
@@ -47,7 +47,7 @@ def edges_of(values: Float[np.ndarray, " K"], other: Float[np.ndarray, " L"]) ->
     return edges
 
 
-def counted(values: Float[np.ndarray, " K"], edges: Float64[np.ndarray, " B+1"]) -> Float64[np.ndarray, " B"]:
+def counted(values: Float[np.ndarray, " K"], edges: Float64[np.ndarray, " edges"]) -> Float64[np.ndarray, " edges-1"]:
     """The number of values in each bin; a value on an edge counts in the bin above it."""
     bins = np.searchsorted(edges[1:-1], values, side="right")
     return np.bincount(bins, minlength=len(edges) - 1).astype(float)
@@ -86,7 +86,7 @@ def compare_attributes(
 
 
 def histogram_rows(
-    containers: Mapping[str, Mapping[str, Float[np.ndarray, "N ..."]]], method: str
+    containers: Mapping[str, Mapping[str, Float[np.ndarray, "_ ..."]]], method: str
 ) -> Iterator[Measurement]:
     """The share of values in every bin, for every attribute that all `containers` have.
 
@@ -107,7 +107,7 @@ def histogram_rows(
                 yield Measurement(of_attribute(HISTOGRAM, name), share, condition, middle, method=method)
 
 
-def _comparable(name: str, *containers: Mapping[str, Float[np.ndarray, "N ..."]]) -> bool:
+def _comparable(name: str, *containers: Mapping[str, Float[np.ndarray, "_ ..."]]) -> bool:
     """Whether all have values of an attribute to compare; `sh_rest` is empty for harmonics of degree 0."""
     return name not in NOT_COMPARED and all(name in each and each[name].size for each in containers)
 

@@ -23,8 +23,8 @@ class Convolution(torch.nn.Conv2d):
         super().__init__(inputs, outputs, kernel_size, padding=kernel_size // 2)
 
     def forward(
-        self, values: Float[Tensor, "B C H W"], rectified: bool = False, rounded: bool = False
-    ) -> Float[Tensor, "B D H W"]:
+        self, values: Float[Tensor, "*batch C H W"], rectified: bool = False, rounded: bool = False
+    ) -> Float[Tensor, "*batch D H W"]:
         """Convolve with zero padding. `rectified` applies a ReLU; `rounded` uses TF32 on a CUDA device."""
         if can_convolve(values, self.weight) and not torch.is_autocast_enabled(values.device.type):
             return convolve(values, self.weight, self.bias, rectified)

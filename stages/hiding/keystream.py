@@ -66,7 +66,7 @@ def decrypted(
 class _Keystream:
     """For N values: unit vectors in U, U - 1, … 1 dimensions, which make the rotations, and shifts in (0, 1)."""
 
-    axes: tuple[Float64[Tensor, "N V"], ...]
+    axes: tuple[Float64[Tensor, "N _"], ...]
     shifts: Float64[Tensor, " N"]
 
     def turned(self, directions: Float64[Tensor, "N U"]) -> Float64[Tensor, "N U"]:

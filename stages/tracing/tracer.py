@@ -17,16 +17,19 @@ BUNDLE = 64
 
 @dataclass(frozen=True)
 class Bundles:
-    """B cones around bundles of rays: origins within `spread` of `apex`, cosines to `axis` of at least `cosine`."""
+    """B cones around bundles of rays: origins within `spread` of `apex`, cosines to `axis` of at least `cosine`.
 
-    apex: Float64[np.ndarray, "B 3"]
-    spread: Float64[np.ndarray, " B"]
+    Of rays with a single origin, all bundles share its `apex` and `spread`.
+    """
+
+    apex: Float64[np.ndarray, "1 3"] | Float64[np.ndarray, "B 3"]
+    spread: Float64[np.ndarray, " 1"] | Float64[np.ndarray, " B"]
     axis: Float64[np.ndarray, "B 3"]
     cosine: Float64[np.ndarray, " B"]
 
     @staticmethod
     def around(
-        origin: Float32[np.ndarray, "3 B rays"] | Float32[np.ndarray, "3 1 1"],
+        origin: Float32[np.ndarray, "3 1 1"] | Float32[np.ndarray, "3 B rays"],
         direction: Float32[np.ndarray, "3 B rays"],
     ) -> Bundles:
         """The cones around B bundles of rays with unit directions."""

@@ -174,6 +174,7 @@ def test_the_same_bits_with_any_number_of_threads() -> None:
     assert printed_with_threads(BITS, 1) == printed_with_threads(BITS, 2)
 
 
+@pytest.mark.usefixtures("any_arrays")
 @pytest.mark.parametrize(
     ("values", "weight", "takes"),
     [
@@ -196,6 +197,7 @@ def test_what_it_takes(values: Tensor, weight: Tensor, takes: bool) -> None:
             convolve(values, weight, weight.new_zeros(len(weight)))
 
 
+@pytest.mark.usefixtures("any_arrays")
 def test_channels_and_a_bias_that_do_not_fit_are_refused() -> None:
     values, weight, bias = inputs(1, 16, 32, 4, 4)
     with pytest.raises(ValueError, match=r"found \['\(1, 16, 4, 4\)"):

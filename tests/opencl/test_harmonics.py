@@ -119,6 +119,7 @@ def test_a_gradient_that_torch_negates_lazily() -> None:
         assert torch.equal(one, other)
 
 
+@pytest.mark.usefixtures("any_arrays")
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

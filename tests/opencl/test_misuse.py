@@ -28,6 +28,7 @@ def fits(name, shape):
     return shape == tuple(arguments()[name].shape)
 
 
+@pytest.mark.usefixtures("any_arrays")
 @pytest.mark.parametrize("name", TENSORS)
 def test_every_wrong_shape_is_named(name):
     for shape in SHAPES:
@@ -38,6 +39,7 @@ def test_every_wrong_shape_is_named(name):
         assert "expected" in str(caught.value)
 
 
+@pytest.mark.usefixtures("any_arrays")
 @pytest.mark.parametrize("name", TENSORS)
 @pytest.mark.parametrize(
     "dtype", [torch.float64, torch.float16, torch.bfloat16, torch.int32, torch.int64, torch.bool, torch.complex64]
@@ -48,6 +50,7 @@ def test_every_wrong_type_is_named(name, dtype):
         rasterize(**arguments(**{name: changed}))
 
 
+@pytest.mark.usefixtures("any_arrays")
 @pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.int32])
 def test_no_other_type_even_for_all(dtype):
     changed = {name: value.to(dtype) for name, value in arguments().items() if isinstance(value, torch.Tensor)}
@@ -55,6 +58,7 @@ def test_no_other_type_even_for_all(dtype):
         rasterize(**arguments(**changed))
 
 
+@pytest.mark.usefixtures("any_arrays")
 @pytest.mark.parametrize("name", TENSORS)
 @pytest.mark.parametrize("value", [None, 1.0, [1.0], "cpu"])
 def test_every_argument_that_is_no_tensor_is_named(name, value):

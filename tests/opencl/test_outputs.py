@@ -156,6 +156,7 @@ def test_a_batch_shares_one_background_and_may_hold_one_camera():
     assert batch.depths is None
 
 
+@pytest.mark.usefixtures("any_arrays")
 def test_a_batch_of_no_camera_or_of_unlike_numbers_is_named():
     scene = make_scene(count=5)
     view = (scene.world_to_camera.expand(2, 4, 4), scene.intrinsics.expand(3, 3, 3), scene.width, scene.height)

@@ -165,6 +165,7 @@ def test_the_same_bits_with_any_number_of_threads() -> None:
     assert printed_with_threads(BITS, 1) == printed_with_threads(BITS, 2)
 
 
+@pytest.mark.usefixtures("any_arrays")
 def test_what_does_not_fit_is_refused() -> None:
     features, directions, readings = inputs(4, 16, 2, 7)
     for wrong in (

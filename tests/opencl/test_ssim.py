@@ -95,6 +95,7 @@ def test_the_same_bits_on_every_run_and_for_any_number_of_threads() -> None:
     assert len(digests) == 1
 
 
+@pytest.mark.usefixtures("any_arrays")
 @pytest.mark.parametrize(
     ("picture", "truth", "message"),
     [

@@ -22,6 +22,7 @@ def _arguments(**changes):
     return {**vars(scene), **changes}
 
 
+@pytest.mark.usefixtures("any_arrays")
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

@@ -182,12 +182,15 @@ def test_trainings_of_one_scene_are_one_scene_to_learn_from(tmp_path: Path) -> N
 def test_renders_are_collected_where_they_stay() -> None:
     """Stacking would hold them in memory twice."""
     pixels, channels, views = torch.zeros(64, 64), 8, 32
-    nothing = torch.empty(0)
 
     def renderings() -> Iterator[Rendering]:
         for _ in range(views):
             yield Rendering(
-                {COVER: pixels[..., None].expand(64, 64, 3)}, torch.zeros(64, 64, channels), pixels, nothing, nothing
+                {COVER: pixels[..., None].expand(64, 64, 3)},
+                torch.zeros(64, 64, channels),
+                pixels,
+                torch.empty(0, dtype=torch.int32),
+                torch.empty(0, 2),
             )
 
     names = [str(view) for view in range(views)]

@@ -121,7 +121,7 @@ class HomogeneousDecoder(torch.nn.Module):
 
     def divided(
         self, centred: Float[Tensor, "H W M"], half_alphas: Float[Tensor, "H W 1"]
-    ) -> list[Float[Tensor, "H W C"]]:
+    ) -> list[Float[Tensor, "H W _"]]:
         """For each picture k, its readings of (F - A/2) / (E_k + ε), and its blended share E_k.
 
         E_k = max(0, u_k·(F - A/2) + A/2), with `centred` = F - A/2 and `half_alphas` = A/2. It multiplies by
@@ -219,7 +219,7 @@ class Homogeneous(CoupledFeatures[HomogeneousDecoder]):
 
     def decoded(
         self, decoders: Sequence[HomogeneousDecoder], rendering: Rendering, camera: Camera
-    ) -> list[Float[Tensor, "H W C"]]:
+    ) -> list[Float[Tensor, "H W _"]]:
         """Divide the feature map for each picture, append the viewing direction, and run each decoder."""
         view = harmonics(pixel_directions(camera, rendering.alphas.device), VIEW_DEGREE)[..., 1:]
         half_alphas = rendering.alphas[..., None] / 2

@@ -10,7 +10,7 @@ BANDS = 4
 """Mean, horizontal, vertical and diagonal differences of each block of 2 x 2 pixels, in this order."""
 
 
-def haar(pictures: Float[Tensor, "B C H W"]) -> Float[Tensor, "B 4*C H/2 W/2"]:
+def haar(pictures: Float[Tensor, "B C H W"]) -> Float[Tensor, "B 4*C H//2 W//2"]:
     """The means of all channels, then their horizontal, vertical and diagonal differences: signed sums of four, halved.
 
     Raises `ValueError` for odd sides. B = 0 is allowed.
@@ -23,7 +23,7 @@ def haar(pictures: Float[Tensor, "B C H W"]) -> Float[Tensor, "B 4*C H/2 W/2"]:
     return torch.cat([a + b + c + d, a - b + c - d, a + b - c - d, a - b - c + d], dim=1) / 2
 
 
-def inverse_haar(coefficients: Float[Tensor, "B 4*C H/2 W/2"]) -> Float[Tensor, "B C H W"]:
+def inverse_haar(coefficients: Float[Tensor, "B bands H W"]) -> Float[Tensor, "B bands//4 2*H 2*W"]:
     """The inverse of `haar`. Raises `ValueError` if the number of channels is not a multiple of four."""
     if coefficients.shape[1] % BANDS:
         raise ValueError(f"{coefficients.shape[1]} channels are not {BANDS} bands of equally many")

@@ -17,7 +17,7 @@ from jaxtyping import Float64, Shaped
 from pipeline.errors import UserError
 from stages.scene.ply.header import BYTE_ORDERS, REMEDY, Element, Header
 
-Elements = Mapping[str, Shaped[np.ndarray, " N"]]
+Elements = Mapping[str, Shaped[np.ndarray, " _"]]
 """Rows by element name: little-endian structured arrays with a field for each property."""
 
 

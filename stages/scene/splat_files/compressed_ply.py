@@ -84,7 +84,7 @@ def rotations(packed: UInt32[np.ndarray, " N"]) -> Float[np.ndarray, "N 4"]:
     return quats
 
 
-def _harmonics(path: Path, elements: Elements, count: int) -> Float[np.ndarray, "N K-1 3"]:
+def _harmonics(path: Path, elements: Elements, count: int) -> Float[np.ndarray, "N rest 3"]:
     rows = elements.get("sh")
     if rows is None:
         return np.empty((count, 0, 3))

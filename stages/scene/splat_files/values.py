@@ -29,7 +29,7 @@ class SplatValues:
     log_scales: Float[np.ndarray, "N 3"]
     logit_opacities: Float[np.ndarray, " N"]
     sh_base: Float[np.ndarray, "N 3"]
-    sh_rest: Float[np.ndarray, "N K-1 3"]
+    sh_rest: Float[np.ndarray, "N rest 3"]
 
 
 def gaussians_of(path: Path, values: SplatValues) -> Gaussians:

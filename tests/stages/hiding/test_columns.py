@@ -52,7 +52,7 @@ def test_attributes_of_any_shape_come_back_bit_for_bit(tmp_path: Path, bundle: C
 
 def test_columns_of_two_attributes_may_not_have_one_name() -> None:
     with pytest.raises(ValueError, match="another's names"):
-        columns_of({"raw_features": np.zeros((1, 2)), "feature": np.zeros((1, 2))})
+        columns_of({name: np.zeros((1, 2), np.float32) for name in ("raw_features", "feature")})
 
 
 def test_examples() -> None:

@@ -53,6 +53,7 @@ def random_weights(network: Network) -> Weights:
     return {name: array.astype(np.float32) for name, array in weights.items()}
 
 
+@pytest.mark.usefixtures("any_arrays")
 @pytest.mark.parametrize(("network", "smallest"), [("vgg", 16), ("alex", 31)])
 def test_grows_with_the_difference_and_needs_a_smallest_size(network: Network, smallest: int) -> None:
     metric = Lpips(network, random_weights(network))

@@ -41,6 +41,7 @@ def test_a_broken_picture_is_not_a_perfect_one(broken: int) -> None:
     assert math.isnan(psnr(picture, truth))
 
 
+@pytest.mark.usefixtures("any_arrays")
 def test_shapes_must_agree() -> None:
     with pytest.raises(ValueError, match="one size"):
         psnr(torch.zeros(2, 2, 3), torch.zeros(2, 3, 3))

@@ -69,6 +69,7 @@ def test_blur_is_its_own_adjoint_and_pads_with_zeros() -> None:
     assert float(corner[0, 0, 0]) < 0.5
 
 
+@pytest.mark.usefixtures("any_arrays")
 @pytest.mark.parametrize(
     "other", [torch.zeros(8, 9, 3), torch.zeros(8, 8, 3, dtype=torch.float64)], ids=["shape", "type"]
 )

@@ -231,6 +231,7 @@ def test_a_full_header_takes_little_memory(tmp_path: Path, line: bytes) -> None:
     assert peak < 100 * 2**20
 
 
+@pytest.mark.usefixtures("any_arrays")
 @pytest.mark.parametrize(
     ("columns", "comments", "told"),
     [

@@ -31,7 +31,6 @@ def views(mixture: Tensor, count: int = 3, seed: int = 0) -> list[Observed]:
         cover, message = smooth(generator), smooth(generator)
         feature_map = torch.cat([cover, message], dim=-1) @ mixture
         alphas = torch.ones(HEIGHT, WIDTH)
-        nothing = torch.empty(0)
-        rendering = Rendering({COVER: cover}, feature_map, alphas, nothing, nothing)
+        rendering = Rendering({COVER: cover}, feature_map, alphas, torch.empty(0, dtype=torch.int32), torch.empty(0, 2))
         observed.append(Observed(f"{view}.png", camera(), rendering, message[None], torch.ones(1, HEIGHT, WIDTH)))
     return observed

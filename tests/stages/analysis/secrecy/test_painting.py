@@ -42,7 +42,13 @@ def observed() -> list[Observed]:
     for number, camera in enumerate(single_cameras(cameras())):
         rendering = splat(gaussians, torch.cat([share * colors, share], dim=1), camera)
         truth = rendering.feature_map[..., :3] / (rendering.feature_map[..., 3:] + DIVIDED)
-        shown = Rendering({COVER: truth}, rendering.feature_map, rendering.alphas, torch.empty(0), torch.empty(0))
+        shown = Rendering(
+            {COVER: truth},
+            rendering.feature_map,
+            rendering.alphas,
+            torch.empty(0, dtype=torch.int32),
+            torch.empty(0, 2),
+        )
         views.append(Observed(f"{number}.png", camera, shown, truth[None], torch.ones(1, *truth.shape[:2])))
     return views
 
