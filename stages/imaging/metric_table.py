@@ -7,6 +7,7 @@ import json
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 from pipeline.artifact import Artifact, ArtifactWriter
 from pipeline.errors import UserError
@@ -42,7 +43,7 @@ class Quantity:
     """
 
     unit: str
-    better: str
+    better: Literal["higher", "lower", ""]
 
 
 QUANTITIES: dict[str, Quantity] = {

@@ -81,7 +81,7 @@ def test_one_pixel(backend, count, feature_dim, dtype):
     assert all(gradient.isfinite().all() for gradient in found)
 
 
-def test_behind_on_and_across_the_near_plane_among_others(backend):
+def test_behind_and_across_the_near_plane_among_others(backend):
     scene = make_scene(60, 3, 33, 31, size=0.3)
     depths = torch.linspace(-1.0, 1.4, 60, dtype=torch.float64)  # on both sides of the near plane, 0.2
     in_camera = torch.cat([0.3 * scene.means[:, :2], depths[:, None]], dim=1)
@@ -171,7 +171,7 @@ def test_points(backend):
     assert all(gradient.isfinite().all() for gradient in found)
 
 
-def test_gradients_at_the_clamp_in_float32(backend):
+def test_pictures_at_the_clamp_in_float32(backend):
     scene = make_scene(40, 3, 33, 31, size=0.4, opacity=(0.98, 1.0), dtype=torch.float32)
     sound = ~near_a_threshold(scene)
     difference = draw_on(backend, scene).features.double() - scene.to(torch.float64).draw_reference().features

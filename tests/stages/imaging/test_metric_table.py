@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.artifact import create, load
 from pipeline.errors import UserError
-from stages.imaging.metric_table import QUANTITIES, MetricRow, mean_value, read_rows, write_rows
+from stages.imaging.metric_table import MetricRow, mean_value, read_rows, write_rows
 
 ROWS = (
     MetricRow("psnr", 27.25, "dB", view="0001.png", split="test"),
@@ -48,7 +48,3 @@ def test_damaged_rows_are_named_by_line(tmp_path: Path, line: str) -> None:
 def test_mean_skips_what_was_not_measured() -> None:
     assert mean_value([MetricRow("psnr", value) for value in (20.0, math.nan, 30.0)]) == 25
     assert math.isnan(mean_value([]))
-
-
-def test_a_direction_is_stated_for_every_quantity() -> None:
-    assert {quantity.better for quantity in QUANTITIES.values()} <= {"higher", "lower", ""}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from stages.imaging.pictures import Picture
-from stages.imaging.windows import windows_of_all
+from stages.imaging.windows import random_window, windows_of_all
 
 WIDTH, HEIGHT = 12, 8
 
@@ -30,3 +30,10 @@ def test_there_may_be_fewer_or_none() -> None:
     assert len(list(windows_of_all([("same", photo(12, 8))], 5, WIDTH, HEIGHT, generator))) == 1
     assert list(windows_of_all([("small", photo(6, 4))], 5, WIDTH, HEIGHT, generator)) == []
     assert list(windows_of_all([], 5, WIDTH, HEIGHT, generator)) == []
+
+
+def test_windows_have_their_shape_whatever_the_photo() -> None:
+    draws = np.random.default_rng(0)
+    for shape in ((64, 48), (10, 30), (500, 20)):
+        photo = np.zeros((*shape, 3), np.uint8)
+        assert all(random_window(photo, 20, 12, draws).shape == (12, 20, 3) for _ in range(20))

@@ -210,7 +210,7 @@ def test_damage_is_an_answer_or_one_error(tmp_path: Path, place: int, replaced: 
 
 @pytest.mark.parametrize(
     "line",
-    [b"property float %d\n", b"element %d 0\nproperty char a\n", b"comment %d\n", b"\n%.0d"],
+    [b"property float %d\n", b"element %d 0\nproperty char a\n", b"comment %d\n", b"\n%.0a"],
     ids=["properties", "elements", "comments", "empty"],
 )
 def test_a_full_header_takes_little_memory(tmp_path: Path, line: bytes) -> None:
