@@ -153,6 +153,16 @@ def test_the_secret_of_another_sealing_of_the_same_gaussians_is_refused(
                 read_container(container["container"], secret["secret"], published=published)
 
 
+@pytest.mark.parametrize("name", ["means", "logit_opacities"])
+def test_what_was_moved_or_shown_otherwise_is_not_opened_alone(tmp_path: Path, closed: Made, name: str) -> None:
+    gaussians = read_gaussians(closed["container"])
+    with create(tmp_path / "changed", "container", private=False) as writer:
+        changed = Gaussians(gaussians.parameters | {name: 1.001 * gaussians[name]})
+        write_container(writer, changed, read_method(closed["container"]))
+    with pytest.raises(UserError, match="secret belongs to another container, or this container was changed"):
+        read_container(load(tmp_path / "changed"), closed["secret"])
+
+
 def test_features_that_were_rounded_are_still_opened(tmp_path: Path, hidden: Made, closed: Made) -> None:
     gaussians = read_gaussians(closed["container"])
     rounded = {FEATURES: (gaussians[FEATURES].sigmoid() * 31).round().div(31).clamp(0.001, 0.999).logit()}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 import tracemalloc
@@ -20,7 +21,7 @@ from pipeline.artifact import create, load
 from pipeline.errors import UserError
 from pipeline.stage import run_stage
 from stages.export_container import ExportContainerParameters, export_container
-from stages.hiding.bundle_files import read_container_bundle
+from stages.hiding.bundle_files import read_container_bundle, read_secret_bundle
 from stages.hiding.fitting import fitted_method
 from stages.hiding.method import build_method
 from stages.hiding.rendering import COVER
@@ -149,6 +150,7 @@ def zip_folder(folder: Path) -> None:
         (lambda folder: (folder / "bundle/container.json").write_bytes(b"\xff\xfe\xfd"), "no JSON"),
         (lambda folder: (folder / "bundle/container.json").write_bytes(b"[" * 10**6), "no JSON"),
         (lambda folder: (folder / "bundle/container.json").write_bytes(b"[" * 10**7), "no description"),
+        (lambda folder: os.truncate(folder / "bundle/container.json", 10**8), "no description"),
         (lambda folder: (folder / "bundle/container.json").write_text("[]"), "no description"),
         (lambda folder: change(folder / "bundle/container.json", version=2), "version 2; expected .* version 1"),
         (
@@ -164,11 +166,13 @@ def zip_folder(folder: Path) -> None:
         (lambda folder: change_attributes(folder, raw_features=[-5]), "not understood"),
         (lambda folder: change_attributes(folder, raw_features="5"), "not understood"),
         (lambda folder: change_attributes(folder, raw_features=[True]), "not understood"),
+        (lambda folder: change_attributes(folder, raw_features=[1, 1, 1, 1, 5]), "not understood"),
         (lambda folder: change_attributes(folder, raw_features=[0]), "'raw_features' is not what .* found 0 values"),
         (lambda folder: change_attributes(folder, raw_features=[4]), "'raw_features' is not what .* found 4 values"),
         (lambda folder: change_attributes(folder, means=[]), r"'means' of another shape; found \(\)"),
         (lambda folder: change_attributes(folder, sh_rest=[5]), r"'sh_rest' of another shape; found \(5,\)"),
         (lambda folder: change_attributes(folder, **{f"a{n}": [0] for n in range(10**4)}), "not understood"),
+        (lambda folder: change_attributes(folder, more=[0, 10**18]), "not understood"),
         (lambda folder: change_attributes(folder, more=[2]), "2 of 2 properties .* no more_0, more_1 among"),
         (lambda folder: change_settings(folder, feature_dim=10**9), "'feature_dim' is none; found 1000000000"),
         (lambda folder: change_settings(folder, layers=10**30), "'layers' is none"),
@@ -214,12 +218,26 @@ def zip_folder(folder: Path) -> None:
             lambda folder: change(folder / "secret_bundle/secret.json", messages=["\ud800"]),
             "without the messages' names",
         ),
+        (
+            lambda folder: change(folder / "secret_bundle/secret.json", messages=[str(n) for n in range(1001)]),
+            "without the messages' names",
+        ),
         (lambda folder: change(folder / "secret_bundle/secret.json", messages=MESSAGE), "without the messages' names"),
         (lambda folder: change(folder / "secret_bundle/secret.json", messages=[["a"]]), "without the messages' names"),
         (lambda folder: change(folder / "secret_bundle/secret.json", facts=[1]), "facts are invalid"),
         (lambda folder: change(folder / "secret_bundle/secret.json", facts={"messages": "a"}), "facts are invalid"),
         (lambda folder: change(folder / "secret_bundle/secret.json", facts={"a": float("nan")}), "facts are invalid"),
         (lambda folder: change(folder / "secret_bundle/secret.json", facts={"a": ["x"]}), "facts are invalid"),
+        (lambda folder: change(folder / "secret_bundle/secret.json", facts={"a b": 1}), "facts are invalid"),
+        (lambda folder: change(folder / "secret_bundle/secret.json", facts={"a": 2**53 + 1}), "facts are invalid"),
+        (
+            lambda folder: change(folder / "secret_bundle/secret.json", facts={"a": [0] * (2**17 + 1)}),
+            "facts are invalid",
+        ),
+        (
+            lambda folder: change(folder / "secret_bundle/secret.json", facts={f"a{n}": 0 for n in range(33)}),
+            "facts are invalid",
+        ),
         (lambda folder: change(folder / "secret_bundle/secret.json", facts={"a": [[1]]}), "facts are invalid"),
         (lambda folder: change(folder / "secret_bundle/secret.json", facts={"a": [float("nan")]}), "facts are invalid"),
         (lambda folder: change(folder / "secret_bundle/secret.json", facts={"a": "x" * 10**5}), "facts are invalid"),
@@ -275,6 +293,11 @@ def test_files_beside_a_bundle_are_left_alone(copied: Path) -> None:
     parameters = ImportContainerParameters(bundle=copied / "bundle")
     outputs = run_stage(import_container, parameters, {}, copied / "outputs")
     assert not outputs["secret"].names
+
+
+def test_a_folder_that_cannot_be_looked_into_is_told(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="cannot be read; found File name too long"):
+        read_secret_bundle(tmp_path / ("x" * 300))
 
 
 def test_a_ply_of_another_origin_is_told(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from pipeline.artifact import Artifact, create, load
 from pipeline.errors import UserError
 from pipeline.stage import run_stage
 from stages.hide_scenes import HideScenesParameters, hide_scenes
-from stages.hiding.key import KEY_BYTES, generator_apart, key_generator, write_key
+from stages.hiding.key import APART, KEY_BYTES, generator_apart, key_apart, key_generator, write_key
 from tests.stages.small import message_views, scene
 
 
@@ -25,14 +25,21 @@ def key_of(folder: Path, key: bytes) -> Artifact:
 def test_every_byte_counts(tmp_path: Path) -> None:
     keys = [bytes(KEY_BYTES)]
     keys += [bytes(place) + b"\x01" + bytes(KEY_BYTES - 1 - place) for place in range(KEY_BYTES)]
-    drawn = [int(key_generator(key_of(tmp_path, key), 0).integers(2**62)) for key in keys]
+    artifacts = [key_of(tmp_path, key) for key in keys]
+    drawn = [int(key_generator(artifact, 0).integers(2**62)) for artifact in artifacts]
     assert len(set(drawn)) == KEY_BYTES + 1
+    of_seals = {key_apart(artifact, "seal") for artifact in artifacts}
+    assert len(of_seals) == KEY_BYTES + 1
+    assert of_seals.isdisjoint(keys), "who has a seal's key does not have the whole key"
     assert drawn[0] == int(key_generator(key_of(tmp_path / "again", keys[0]), 7).integers(2**62)), "whatever the seed"
 
 
 def test_a_key_of_another_length_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="31 bytes"):
-        key_generator(key_of(tmp_path, bytes(KEY_BYTES - 1)), 0)
+    for length in (KEY_BYTES - 1, KEY_BYTES + 1):
+        artifact = key_of(tmp_path, bytes(length))
+        for drawn_from in (lambda key: key_generator(key, 0), lambda key: key_apart(key, "seal")):
+            with pytest.raises(UserError, match=f"{length} bytes"):
+                drawn_from(artifact)
 
 
 @pytest.mark.parametrize("method", ["gs_hider", "homogeneous"])
@@ -99,5 +106,10 @@ def test_no_layer_tells_of_another(tmp_path: Path) -> None:
     square = [weights for weights in layers if weights.size == 16 * 16 * 9]
     assert len(square) == 8
     assert len({weights.tobytes() for weights in square}) == 8
-    assert key_generator(key, 0).integers(2**62) != generator_apart(key, "view").integers(2**62)
-    assert generator_apart(key, "weights").integers(2**62) != generator_apart(key, "view").integers(2**62)
+
+
+def test_each_use_of_a_key_or_a_seed_draws_other_numbers(tmp_path: Path) -> None:
+    sources = ((key_of(tmp_path, bytes(range(KEY_BYTES))), 0), (None, 0), (None, 1))
+    generators = [key_generator(*source) for source in sources]
+    generators += [generator_apart(key, use, seed) for key, seed in sources for use in APART]
+    assert len({int(generator.integers(2**62)) for generator in generators}) == len(sources) * (1 + len(APART))

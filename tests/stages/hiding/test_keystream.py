@@ -53,6 +53,8 @@ def test_what_comes_out_says_nothing_of_what_went_in(axis: int | None, dimension
     torch.testing.assert_close(along.norm(dim=1), torch.ones(count, dtype=torch.float64))
     torch.testing.assert_close(along.mean(dim=0), torch.zeros(dimensions, dtype=torch.float64), rtol=0, atol=0.025)
     torch.testing.assert_close(along.T @ along / count, even, rtol=0, atol=0.015)
+    fourth = torch.full((dimensions,), 3 / (dimensions * (dimensions + 2)), dtype=torch.float64)
+    torch.testing.assert_close((along**4).mean(dim=0), fourth, rtol=0, atol=0.01)
     steps = torch.linspace(0, 1, count, dtype=torch.float64)
     assert (((shares - SHORTEST) / (LONGEST - SHORTEST)).sort().values - steps).abs().max() < 0.015
     together = torch.corrcoef(torch.cat([along, shares[:, None]], dim=1).T)
@@ -75,4 +77,5 @@ def test_a_little_noise_stays_little() -> None:
     noise = 0.02 * torch.randn(500, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
     back, found = decrypted(closed, shares + noise, torch.arange(500), KEY)
     assert (found - lengths).abs().max() < 0.2
+    assert ((found >= 0) & (found <= 1)).all()
     torch.testing.assert_close(back, directions, rtol=0, atol=1e-9)

@@ -7,11 +7,12 @@ import pytest
 import torch
 
 from stages.hiding.method import build_method
-from stages.hiding.placing import clear_coverage, coverage_score, shrunken
+from stages.hiding.placing import clear_coverage, clear_depth, coverage_score, shrunken
 from stages.hiding.rendering import COVER
 from stages.scene.alignment import nearest_depth
 from stages.scene.cameras import Cameras
 from stages.scene.gaussians import Gaussians, gaussians_at
+from stages.scene.scene import Scene
 
 SIZE = (32, 24)
 
@@ -43,6 +44,8 @@ def test_a_shrunken_camera_sees_the_same() -> None:
     assert (small.width, small.height) == (16, 12)
     ray = np.linalg.inv(cameras.intrinsics[0]) @ [32, 24, 1]
     np.testing.assert_allclose(small.intrinsics[0] @ ray, [16, 12, 1])
+    same = shrunken(cameras, 64)
+    assert (same.width, same.height) == SIZE, "no picture is enlarged"
 
 
 def test_what_stands_too_close_hides_and_counts_nothing() -> None:
@@ -75,3 +78,9 @@ def test_the_nearest_depth_is_that_of_what_pictures_show() -> None:
     points = np.concatenate([wall(5.0), wall(-1.0)])  # the second wall is behind the camera
     assert nearest_depth(camera, points) == pytest.approx(5.0)
     assert nearest_depth(camera, np.empty((0, 3))) == 0
+
+
+def test_surfaces_count_from_half_the_depth_of_what_a_message_shows() -> None:
+    points, pictures = wall(5.0).astype(np.float32), np.zeros((1, SIZE[1], SIZE[0], 3), np.uint8)
+    message = Scene(camera_at(0), pictures, points, np.zeros(points.shape, np.uint8), ())
+    assert clear_depth(message) == pytest.approx(2.5)

@@ -112,6 +112,17 @@ def test_a_mirror_image_of_which_each_was_shifted_is_known_by_shapes() -> None:
     assert recovery.is_certain
 
 
+@pytest.mark.parametrize("as_it_was", [0.3, 0.7])
+def test_of_both_the_mirror_image_and_what_is_not_the_larger_part_counts(as_it_was: float) -> None:
+    published = container()
+    image, count = mirrored(published), round(as_it_was * COUNT)
+    parts = {name: torch.cat([values[:count], image[name][count:]]) for name, values in published.parameters.items()}
+    noise = 0.015 * torch.randn(COUNT, 3, generator=torch.Generator().manual_seed(0))
+    recovery = recovered(Gaussians(parts | {"means": parts["means"] + noise}), published, 0)
+    assert recovery is not None
+    assert recovery.mirrored == (as_it_was < 0.5)
+
+
 def test_only_what_was_changed_is_changed_back() -> None:
     published = container()
     turned = recovered(moved(published, motion(3)), published, 0)

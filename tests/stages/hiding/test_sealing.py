@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stages.hiding.coupled import FEATURES
+from stages.hiding.expected import Expected
 from stages.hiding.method import build_method
 from stages.hiding.methods.homogeneous import Homogeneous
 from stages.hiding.rendering import COVER
@@ -178,16 +179,18 @@ def test_what_is_done_to_what_the_scene_decoder_reads_does_not_come_between() ->
     torch.testing.assert_close(unread(back, method)[there], unread(gaussians, method)[there], rtol=0, atol=1e-5)
 
 
-@pytest.mark.parametrize("changed", [FEATURES, "means", "logit_opacities", "quats", "key", "decoder"])
+@pytest.mark.parametrize(
+    "changed", [FEATURES, "means", "logit_opacities", "quats", "key", "scene_decoder", "message_decoder"]
+)
 def test_no_pad_is_used_twice(changed: str) -> None:
     method = homogeneous()
     gaussians = some_gaussians(method, 5, 1.0)
     others = {name: values + 1 for name, values in gaussians.parameters.items() if name == changed}
-    other = Seal.made(
-        Gaussians(gaussians.parameters | others),
-        homogeneous(seed=1) if changed == "decoder" else method,
-        bytes(32) if changed == "key" else KEY,
-    )
+    other_method = homogeneous()
+    if network := other_method.networks.get(changed):
+        network.directions.data += 1
+    other_key = bytes(32) if changed == "key" else KEY
+    other = Seal.made(Gaussians(gaussians.parameters | others), other_method, other_key)
     assert Seal.made(gaussians, method, KEY).key == Seal.made(gaussians, method, KEY).key != other.key
 
 
@@ -208,6 +211,14 @@ def test_what_reads_everything_cannot_be_sealed() -> None:
     assert not can_be_sealed(build_method("plain", {"sh_degree": 0}))
 
 
+def test_what_is_read_twice_leaves_room_for_a_seal() -> None:
+    method = homogeneous(feature_dim=8)
+    readings = method.scene_decoder.readings.detach().clone()
+    readings[0, -1] = readings[0, 0] + 1e-6
+    method.scene_decoder.look_along(method.scene_decoder.directions, readings)
+    assert can_be_sealed(method)
+
+
 @pytest.mark.parametrize("count", [0, 1])
 def test_none_and_one(count: int) -> None:
     method = homogeneous()
@@ -215,3 +226,18 @@ def test_none_and_one(count: int) -> None:
     closed, opened = sealed(gaussians, method, KEY)
     back = opened(closed, torch.arange(count))
     torch.testing.assert_close(centred(back), centred(gaussians), rtol=0, atol=1e-6)
+
+
+def test_what_was_published_earlier_is_opened_by_later_versions() -> None:
+    """The last Gaussian is beyond the first block of the keystream."""
+    method, axes = homogeneous(), torch.eye(16)
+    method.scene_decoder.look_along(axes[:1], axes[None, 1:8])
+    method.message_decoder.look_along(axes[8:9], axes[None, 9:])
+    published = gaussians_at(np.zeros((5000, 3)), {FEATURES: torch.linspace(-1, 1, 16).expand(5000, -1)})
+    readings = np.array([[0.1] * 8, [-0.1] * 8])
+    expected = Expected(np.array([0.0, 1.0]), readings, np.array([0.1, 0.1]), np.array([1.0, 1.0]))
+    opened = Seal.of(published, method, KEY, expected).opened(published, torch.arange(5000))
+    of_the_first = [-0.07942, 0.07386, 0.16226, 0.21777, 0.21121, 0.35645, 0.34704, -0.19442]
+    of_the_last = [0.04556, 0.05752, 0.06876, 0.12421, -0.02974, 0.07772, 0.01812, 0.01257]
+    expected_features = torch.tensor([of_the_first, of_the_last]).double()
+    torch.testing.assert_close(centred(opened)[[0, -1], 8:], expected_features, rtol=0, atol=2e-5)

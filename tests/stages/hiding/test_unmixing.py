@@ -43,7 +43,9 @@ def test_what_is_left_out_is_told_by_what_is_left() -> None:
     wanted[:, 0] = 0.1 + 0.4 * wanted[:, 1] + 0.3 * wanted[:, 2]
     dropped = wanted.clone()
     dropped[:, 0] = dropped[:, 0].mean()
-    for seen in (dropped, wanted[:, 1:], torch.cat([wanted, wanted[:, :2]], dim=1) @ torch.eye(7).double().flip(0)):
+    twice = torch.cat([wanted, wanted[:, :2]], dim=1) @ torch.eye(7).double().flip(0)
+    unevenly_shrunk = wanted * torch.logspace(-3, 0, CHANNELS, dtype=torch.float64)
+    for seen in (dropped, wanted[:, 1:], twice, unevenly_shrunk):
         back = unmixing(seen, wanted)
         assert back is not None
         assert torch.allclose(back(seen), wanted, atol=1e-6)
