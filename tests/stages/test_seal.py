@@ -22,7 +22,8 @@ from stages.export_container import ExportContainerParameters, export_container
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.hiding.coupled import FEATURES
 from stages.hiding.expected import FACTS
-from stages.hiding.opening import _seal_of, opener, read_container, refuse_sealed
+from stages.hiding.method import build_method
+from stages.hiding.opening import _seal_of, open_container, opener, read_container, refuse_sealed
 from stages.hiding.sealing import SEAL, SIGNS
 from stages.hiding.storage import read_gaussians, read_method, write_container
 from stages.import_container import ImportContainerParameters, import_container
@@ -259,10 +260,11 @@ def test_each_gaussian_is_told_whatever_was_done_to_all(name: str, hidden: Made,
 def test_what_is_not_known_at_all_is_left_as_it_is(closed: Made) -> None:
     published = read_gaussians(closed["container"])
     stranger = Gaussians(published.parameters | {"means": published.means.flip(0) * 7 + 3})
-    opened = opener(read_method(closed["container"], closed["secret"]), closed["secret"], published)(
-        moved_splats.chosen(stranger, torch.arange(5))
-    )
-    assert torch.equal(opened[FEATURES], stranger[FEATURES][:5])
+    method, few = read_method(closed["container"], closed["secret"]), moved_splats.chosen(stranger, torch.arange(5))
+    opened = opener(method, closed["secret"], published)(few)
+    assert torch.equal(opened[FEATURES], few[FEATURES])
+    with pytest.raises(UserError, match="none of its Gaussians is known"):
+        open_container(few, method, closed["secret"], published)
 
 
 def test_a_container_that_cannot_be_sealed_is_left_as_it_is(tmp_path: Path) -> None:
@@ -283,7 +285,9 @@ def test_it_is_left_as_it_is_where_no_seal_is_wanted(tmp_path: Path, hidden: Mad
     assert torch.equal(opened[FEATURES].sigmoid(), features(hidden["container"]))
 
 
-@pytest.mark.parametrize("wrong", [{SEAL: "no number"}, {FACTS[0]: None}, {FACTS[2]: [1.0]}])
+@pytest.mark.parametrize(
+    "wrong", [{SEAL: "no number"}, {FACTS[0]: None}, {FACTS[2]: [1.0]}, {SIGNS: "no number"}, {SIGNS: "00"}]
+)
 def test_a_broken_seal_is_told(tmp_path: Path, closed: Made, wrong: dict[str, object]) -> None:
     with create(tmp_path / "secret", "secret", private=True) as writer:
         for name in closed["secret"].names:
@@ -291,6 +295,11 @@ def test_a_broken_seal_is_told(tmp_path: Path, closed: Made, wrong: dict[str, ob
         writer.attributes.update(dict(closed["secret"].attributes) | wrong)
     with pytest.raises(UserError, match="the seal in the secret cannot be used"):
         read_container(closed["container"], load(tmp_path / "secret"))
+
+
+def test_a_seal_of_another_method_is_told(closed: Made) -> None:
+    with pytest.raises(UserError, match=r"cannot be used.* the seal of a container of plain"):
+        opener(build_method("plain", {"sh_degree": 0}), closed["secret"], read_gaussians(closed["container"]))
 
 
 def test_what_changes_containers_takes_none_that_is_sealed(closed: Made) -> None:

@@ -78,12 +78,18 @@ def test_as_many_cameras_as_can_be_written_can_be_read(tmp_path: Path) -> None:
     assert same(read_cameras_file(tmp_path, CAMERAS), cameras)
 
 
-def test_several_lenses_are_no_file(tmp_path: Path) -> None:
+@pytest.mark.parametrize("of", [np.s_[1:], np.s_[:]])
+@pytest.mark.parametrize("entry", [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2)])
+def test_several_lenses_or_a_skewed_one_are_no_file(tmp_path: Path, entry: tuple[int, int], of: slice) -> None:
     cameras = path_of(tmp_path / "scene")
     intrinsics = cameras.intrinsics.copy()
-    intrinsics[1, 0, 0] += 1
-    with pytest.raises(ValueError, match="several lenses"):
-        cameras_file(replace(cameras, intrinsics=intrinsics))
+    intrinsics[of, *entry] += 1
+    changed = replace(cameras, intrinsics=intrinsics)
+    if of == np.s_[:] and entry != (0, 1):
+        assert json.loads(cameras_file(changed))["lens"] == intrinsics[0][[0, 1, 0, 1], [0, 1, 2, 2]].tolist()
+    else:
+        with pytest.raises(ValueError, match="several lenses"):
+            cameras_file(changed)
 
 
 def test_without_the_file_there_are_none(tmp_path: Path) -> None:
@@ -119,13 +125,15 @@ def told(folder: Path, text: str, name: str = CAMERAS) -> str:
     [
         ({"format": "gs-hider container"}, "the wrong format"),
         ({"version": 2}, "the wrong format"),
-        *(({side: value}, "no size") for side in ("width", "height") for value in (None, 0, -4, 1.5, True, 10**9, "1")),
+        *(({side: value}, "no size") for side in ("width", "height") for value in (None, 0, -4, 1.5, True, 8193, "1")),
         *(({"lens": value}, "no lens") for value in (None, [], [200.0, 200, 96], "200", [[200.0]] * 4, {}, [True] * 4)),
         *(
             ({"lens": [value, 200, 96, 72]}, "no lens")
             for value in (float("nan"), float("inf"), 0, -200, 1e-9, 10**400)
         ),
         ({"lens": [200, 200, 1e300, 72]}, "no lens"),
+        ({"lens": [9, 200, 96, 72]}, "no lens"),
+        ({"lens": [200, 9, 96, 72]}, "no lens"),
         *(({"world_to_camera": value}, "no list") for value in (None, {}, "poses", 1e9)),
         ({"world_to_camera": []}, "0 of them; expected from 2"),
         ({"world_to_camera": [POSE]}, "1 of them"),
@@ -136,6 +144,7 @@ def told(folder: Path, text: str, name: str = CAMERAS) -> str:
         ({"world_to_camera": [POSE, [*POSE[:11], float("nan")]]}, "number 1"),
         ({"world_to_camera": [POSE, [*POSE[:11], float("-inf")]]}, "number 1"),
         ({"world_to_camera": [POSE, [*POSE[:11], 10**400]]}, "number 1"),
+        ({"world_to_camera": [POSE, [*POSE[:11], 1.01e9]]}, "number 1; expected 12 numbers"),
         ({"world_to_camera": [POSE, [*POSE[:11], "4"]]}, "number 1"),
         ({"world_to_camera": [POSE, [0.0] * 12]}, "no rotation and place, number 1"),
         ({"world_to_camera": [POSE, [1e9] * 12]}, "no rotation and place, number 1"),

@@ -11,6 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
+from pipeline.errors import UserError
 from stages.hiding import columns
 from stages.hiding.bundle import ContainerBundle, write_gaussians
 from stages.hiding.bundle_files import read_container_bundle
@@ -53,6 +54,27 @@ def test_attributes_of_any_shape_come_back_bit_for_bit(tmp_path: Path, bundle: C
 def test_columns_of_two_attributes_may_not_have_one_name() -> None:
     with pytest.raises(ValueError, match="another's names"):
         columns_of({name: np.zeros((1, 2), np.float32) for name in ("raw_features", "feature")})
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"quats": np.zeros((2, 4))},
+        {"quats": np.full((2, 4), np.inf, np.float32)},
+        {"quats": np.zeros((3, 4), np.float32)},
+        {"raw_features": np.zeros((1, 5), np.float32)},
+        {"logit_opacities": np.zeros((), np.float32)},
+        {"quats": None},
+    ],
+)
+def test_what_could_not_be_read_again_is_not_written(tmp_path: Path, wrong: dict[str, np.ndarray | None]) -> None:
+    attributes = {name: np.zeros((2, *shape), np.float32) for name, shape in GEOMETRY.items()} | wrong
+    bundle = ContainerBundle(
+        "a_method", {}, {name: values for name, values in attributes.items() if values is not None}
+    )
+    with pytest.raises(UserError, match="cannot be exported"):
+        write_gaussians(tmp_path / "container.ply", bundle)
+    assert not (tmp_path / "container.ply").exists()
 
 
 def test_examples() -> None:

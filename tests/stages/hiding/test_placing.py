@@ -12,6 +12,7 @@ from stages.hiding.rendering import COVER
 from stages.scene.alignment import nearest_depth
 from stages.scene.cameras import Cameras
 from stages.scene.gaussians import Gaussians, gaussians_at
+from stages.scene.message_views import LEGAL_COVERAGE
 from stages.scene.scene import Scene
 
 SIZE = (32, 24)
@@ -70,6 +71,7 @@ def test_few_pixels_tell_how_much_small_gaussians_fill() -> None:
 
 def test_legal_views_count_before_mean_coverage() -> None:
     assert coverage_score(np.array([0.95, 0.2])) > coverage_score(np.array([0.89, 0.89]))
+    assert coverage_score(np.array([LEGAL_COVERAGE])) == (1, LEGAL_COVERAGE)
     assert coverage_score(np.array([1.0, 1.0])) == coverage_score(np.array([0.95, 0.91]))
 
 

@@ -152,9 +152,10 @@ def test_what_is_missing_takes_nothing_from_others() -> None:
     kept = torch.randperm(300, generator=torch.Generator().manual_seed(0))[:200]
     rows = torch.full((300,), -1)
     rows[kept] = torch.arange(200)
-    back = opened(chosen(closed, kept), rows)
+    moved = Gaussians(closed.parameters | {"means": closed.means + 1})
+    back = opened(chosen(moved, kept), rows)
     in_order = kept.sort().values
-    assert torch.equal(back.means, gaussians.means[in_order])
+    assert torch.equal(back.means, moved.means[in_order]), "only features are changed"
     torch.testing.assert_close(centred(back), centred(gaussians)[in_order], rtol=0, atol=1e-5)
 
 
@@ -236,8 +237,10 @@ def test_what_was_published_earlier_is_opened_by_later_versions() -> None:
     published = gaussians_at(np.zeros((5000, 3)), {FEATURES: torch.linspace(-1, 1, 16).expand(5000, -1)})
     readings = np.array([[0.1] * 8, [-0.1] * 8])
     expected = Expected(np.array([0.0, 1.0]), readings, np.array([0.1, 0.1]), np.array([1.0, 1.0]))
-    opened = Seal.of(published, method, KEY, expected).opened(published, torch.arange(5000))
+    seal = Seal.of(published, method, KEY, expected)
+    opened = seal.opened(published, torch.arange(5000))
     of_the_first = [-0.07942, 0.07386, 0.16226, 0.21777, 0.21121, 0.35645, 0.34704, -0.19442]
     of_the_last = [0.04556, 0.05752, 0.06876, 0.12421, -0.02974, 0.07772, 0.01812, 0.01257]
     expected_features = torch.tensor([of_the_first, of_the_last]).double()
     torch.testing.assert_close(centred(opened)[[0, -1], 8:], expected_features, rtol=0, atol=2e-5)
+    assert seal.signs() == 64 * b"\x55", "eight signs of each of 64 Gaussians, which a secret holds"

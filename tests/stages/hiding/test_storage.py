@@ -47,18 +47,35 @@ def hidden(folder: Path, seed: int = 0):
 def test_cover_and_message_come_back_bit_for_bit(tmp_path: Path, camera: Camera) -> None:
     gaussians, method, container, secret = hidden(tmp_path)
     before = method.render(gaussians, camera)
-    after = read_method(container, secret).render(read_gaussians(container), camera)
+    state = torch.get_rng_state()
+    read = read_method(container, secret)
+    assert torch.equal(torch.get_rng_state(), state), "nothing is drawn"
+    assert not any(weight.requires_grad for network in read.networks.values() for weight in network.parameters())
+    after = read.render(read_gaussians(container), camera)
     assert set(after.pictures) == {"cover", MESSAGE}
     for name, picture in before.pictures.items():
         assert torch.equal(picture, after.pictures[name])
 
 
-def test_the_order_of_rows_tells_nothing(tmp_path: Path) -> None:
-    gaussians, method, container, _ = hidden(tmp_path)
+def test_messages_keep_their_order(tmp_path: Path) -> None:
+    """It is that of the message decoder's channels."""
+    _, _, container, _ = hidden(tmp_path)
+    method = build_method("gs_hider", SETTINGS | {"messages": ["b", "c", "a"]})
+    with create(tmp_path / "several", "secret", private=True) as writer:
+        write_secret(writer, method, method.messages)
+    assert tuple(read_method(container, load(tmp_path / "several")).messages) == ("b", "c", "a")
+
+
+@pytest.mark.parametrize("alike", [[], [0, 1], [0, 2], [1, 2]])
+def test_the_order_of_rows_tells_nothing(tmp_path: Path, alike: list[int]) -> None:
+    """Even where Gaussians share some coordinates, as those on a grid do."""
+    gaussians, method, _, _ = hidden(tmp_path)
+    gaussians.means[:, alike] = 4.0
     backwards = Gaussians({name: tensor.flip(0) for name, tensor in gaussians.parameters.items()})
-    with create(tmp_path / "backwards", "container") as writer:
-        write_container(writer, backwards, method)
-    assert load(tmp_path / "backwards").digest == container.digest
+    for name, each in (("forwards", gaussians), ("backwards", backwards)):
+        with create(tmp_path / name, "container") as writer:
+            write_container(writer, each, method)
+    assert load(tmp_path / "backwards").digest == load(tmp_path / "forwards").digest
 
 
 def test_without_the_secret_only_the_cover_is_rendered(tmp_path: Path, camera: Camera) -> None:

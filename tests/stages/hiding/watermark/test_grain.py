@@ -9,13 +9,14 @@ import pytest
 import torch
 
 from pipeline.errors import UserError
+from stages.hiding.coupled import FEATURE_RANGE
 from stages.hiding.method import build_method
 from stages.hiding.photographs import photographs
 from stages.hiding.rendering import COVER
 from stages.hiding.storage import read_gaussians, read_method
 from stages.hiding.watermark.coins import Coins, thrown
 from stages.hiding.watermark.colors import ACROSS, COLORS, GRAIN, LUMINANCE
-from stages.hiding.watermark.grain import grained
+from stages.hiding.watermark.grain import follows, grained
 from stages.scene.gaussians import GEOMETRY, Gaussians
 from stages.scene.scene import read_scene
 from tests.stages import small
@@ -53,6 +54,8 @@ def test_splats_get_a_grain_of_one_colour(tmp_path: Path) -> None:
     after = grained(before, method, cameras, LEVEL, coins(before), dither())
     for name in GEOMETRY:
         assert torch.equal(after[name], before[name])
+    assert follows(before, after, coins(before))
+    assert not follows(before, Gaussians(after.parameters | {"means": after.means + 1}), coins(before))
     seen = differences(before, after, tmp_path, method, COVER) @ COLORS.T
     assert rms(seen[..., GRAIN]) == pytest.approx(LEVEL * 3**0.5, rel=0.05)
     assert max(rms(seen[..., LUMINANCE]), rms(seen[..., ACROSS])) < 0.05 * rms(seen[..., GRAIN])
@@ -71,13 +74,38 @@ def test_coupled_features_keep_the_message(tmp_path: Path) -> None:
     colors = {name: generator.uniform(0.3, 0.7, (len(plain), 3)) for name in (COVER, "message")}
     geometry = {name: plain[name] for name in GEOMETRY}
     before = Gaussians(geometry | method.initial_attributes(colors, generator))
-    before.parameters["raw_features"][:2] = torch.tensor([[40.0], [-200.0]])  # activated, they are 1 and 0
+    before.parameters["raw_features"][:3] = torch.tensor([[40.0], [-200.0], [3.5]])  # activated: 1, 0 and 0.97
     cameras = read_scene(small.scene(tmp_path / "scene")).cameras
     after = grained(before, method, cameras, LEVEL, coins(before), dither())
     cover, message = (differences(before, after, tmp_path, method, name) for name in (COVER, "message"))
-    assert rms(cover) == pytest.approx(LEVEL, rel=0.05)
+    assert rms(cover) == pytest.approx(LEVEL, rel=1e-4)
     assert rms(message) < 0.1 * rms(cover)
     assert after["raw_features"].isfinite().all()
+    high, low, near = after["raw_features"][:3].sigmoid()
+    assert high.max() > 0.999, "what is beyond the range of initial features is not brought back"
+    assert low.min() < 0.001
+    assert near.max() == pytest.approx(FEATURE_RANGE[1])
+
+
+def test_decoders_that_read_alike_keep_other_colours_and_the_message(tmp_path: Path) -> None:
+    with torch.random.fork_rng():
+        torch.manual_seed(0)
+        method = build_method("gs_hider", SETTINGS | {"messages": ["message"]})
+    plain = read_gaussians(small.splats(tmp_path / "splats"))
+    generator = np.random.default_rng(0)
+    colors = {name: generator.uniform(0.3, 0.7, (len(plain), 3)) for name in (COVER, "message")}
+    before = Gaussians({name: plain[name] for name in GEOMETRY} | method.initial_attributes(colors, generator))
+    of_cover, of_message = (method.networks[f"{name}_decoder"] for name in ("scene", "message"))
+    mixture = torch.tensor([[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.3, 0.0, 1.0]])
+    with torch.no_grad():
+        of_message[0].weight += 0.5 * of_cover[0].weight
+        of_cover[-1].weight.copy_(torch.einsum("cd,d...->c...", mixture, of_cover[-1].weight))
+    cameras = read_scene(small.scene(tmp_path / "scene")).cameras
+    after = grained(before, method, cameras, LEVEL, coins(before), dither())
+    cover, message = (differences(before, after, tmp_path, method, name) for name in (COVER, "message"))
+    seen = cover @ COLORS.T
+    assert max(rms(seen[..., LUMINANCE]), rms(seen[..., ACROSS])) < 0.1 * rms(seen[..., GRAIN])
+    assert rms(message) < 0.1 * rms(cover)
 
 
 def test_rounding_tells_no_coin(tmp_path: Path) -> None:
@@ -99,3 +127,11 @@ def test_gaussians_without_colours_are_refused(tmp_path: Path) -> None:
     bare = Gaussians({name: gaussians[name] for name in GEOMETRY})
     with pytest.raises(UserError, match="coupled features"):
         grained(bare, method, read_scene(small.scene(tmp_path / "scene")).cameras, LEVEL, coins(bare), dither())
+
+
+def test_gaussians_that_no_camera_sees_are_refused(tmp_path: Path) -> None:
+    artifact = small.splats(tmp_path / "splats")
+    gaussians, method = read_gaussians(artifact), read_method(artifact)
+    unseen = Gaussians(gaussians.parameters | {"logit_opacities": torch.full((len(gaussians),), -50.0)})
+    with pytest.raises(UserError, match="grain does not show"):
+        grained(unseen, method, read_scene(small.scene(tmp_path / "scene")).cameras, LEVEL, coins(unseen), dither())
