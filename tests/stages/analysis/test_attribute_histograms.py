@@ -16,6 +16,7 @@ from stages.analysis.attribute_histograms import (
     GAUSSIANS,
     ONLY_THERE,
     compare_attributes,
+    counted,
     divergence,
     histogram_rows,
     jensen_shannon,
@@ -58,6 +59,15 @@ def test_three_values_in_a_thousand_are_told_apart() -> None:
     assert divergence(-own, -other) == pytest.approx(0.003)
 
 
+def test_a_single_value_is_told_from_a_thousand_equal_ones() -> None:
+    assert divergence(np.zeros(1000), np.append(np.zeros(999), 1)) == pytest.approx(0.0005, rel=1e-2)
+
+
+def test_a_value_on_an_edge_counts_above_it() -> None:
+    edges = np.array([-np.inf, 1.0, 2.0, np.inf])
+    assert counted(np.array([0.0, 1.0, 1.5, 2.0, 9.0]), edges).tolist() == [1, 2, 2]
+
+
 def container(seed: int, scale: float = 1.0, extra: bool = False) -> dict[str, np.ndarray]:
     generator = np.random.default_rng(seed)
     features = generator.normal(0, 1, (3000, 4)) * [4, 1, 2, scale]
@@ -66,6 +76,7 @@ def container(seed: int, scale: float = 1.0, extra: bool = False) -> dict[str, n
         "quats": generator.normal(0, 1, (3000, 4)),
         "logit_opacities": generator.normal(0, 1, 3000),
         "raw_features": features[:, generator.permutation(4)],
+        "sh_rest": np.zeros((3000, 0, 3)),
     }
     return found | ({"message_sh_base": features} if extra else {})
 
@@ -80,12 +91,15 @@ def test_channels_in_another_order_are_the_same_and_attributes_of_its_own_are_co
     assert same[channels] < 0.02 < other[channels]
     assert same[of_attribute(DIVERGENCE, "logit_opacities")] < 0.02
     assert (same[ONLY_THERE], other[ONLY_THERE]) == (0, 1)
-    assert same[GAUSSIANS] == 1
+    half = {name: values[:1500] for name, values in container(2).items()}
+    assert (same[GAUSSIANS], by_name(container(1), half)[GAUSSIANS]) == (1, 2)
     assert not any("means" in name or "quats" in name or "message" in name for name in other)
 
 
 def test_histograms_hold_every_value_once() -> None:
-    rows = list(histogram_rows({"hidden": container(1, extra=True), "clean": container(2)}, "gs_hider"))
+    given = {"hidden": container(1, extra=True), "clean": container(2)}
+    given["clean"]["logit_opacities"] += 3
+    rows = list(histogram_rows(given, "gs_hider"))
     assert {row.quantity for row in rows} == {
         of_attribute("histogram", name) for name in ("logit_opacities", "raw_features")
     }
@@ -94,3 +108,5 @@ def test_histograms_hold_every_value_once() -> None:
         assert len(own) == BINS
         assert sum(row.value for row in own) == pytest.approx(1)
         assert all(first.severity < second.severity for first, second in pairwise(own))
+        middle = sum(row.value * row.severity for row in own)
+        assert middle == pytest.approx(given[condition]["logit_opacities"].mean(), abs=0.02)

@@ -42,11 +42,13 @@ def test_a_pixel_is_covered_where_the_message_fills_at_least_half_of_it() -> Non
 
 def test_the_constant_is_the_best_of_all() -> None:
     truth = torch.rand(8, 8, 3, generator=torch.Generator().manual_seed(0))
-    everywhere = torch.ones(8, 8)
-    floor = covered_figures(truth, truth, everywhere)["psnr_constant"]
-    for shade in torch.linspace(0, 1, 11):
+    left = torch.zeros(8, 8)
+    left[:, :4] = 1
+    truth[:, :4] /= 2
+    floor = covered_figures(truth, truth, left)["psnr_constant"]
+    for shade in torch.linspace(0, 1, 101):
         constant = shade.expand_as(truth)
-        assert covered_figures(constant, truth, everywhere)["psnr_covered"] <= floor
+        assert covered_figures(constant, truth, left)["psnr_covered"] <= floor
 
 
 def test_nothing_covered_is_not_a_number() -> None:

@@ -93,8 +93,10 @@ def test_each_scene_is_turned_by_itself() -> None:
     right, wrong = scores([1.0] * 4, [0.0] * 4), scores([0.0] * 4, [1.0] * 4)
     unsure = scores([0.0, 1.0] * 2, [0.5] * 4)
     of_fox = [replace(each, scene="fox") for each in (wrong, unsure)]
-    assert [is_upside_down(each) for each in ([right], [wrong], of_fox, [])] == [False, True, True, False]
-    both_ways = [right, replace(wrong, scene="bonsai"), *of_fox, scores([math.nan], [1.0])]
+    without = scores([math.nan], [1.0])
+    scenes = ([right], [wrong], of_fox, [], [unsure], [wrong, without])
+    assert [is_upside_down(each) for each in scenes] == [False, True, True, False, False, True]
+    both_ways = [right, replace(wrong, scene="bonsai"), *of_fox, without]
     assert bootstrap_area(two_sided(both_ways), 0).value == pytest.approx((1 + 1 + 0.75) / 3)
 
 
@@ -131,10 +133,36 @@ def test_intervals_cover_the_truth_where_neighbours_look_alike(paired: bool) -> 
 
 
 def test_an_interval_leaves_out_one_in_forty_at_either_end() -> None:
-    """The detector is right in half of 16 scenes, so the number of such scenes among 16 drawn ones is binomial."""
-    scenes = [scores([1.0], [0.0])] * 8 + [scores([0.0], [1.0])] * 8
+    """The detector is right in half of 16 scenes, so the number of such scenes among 16 drawn ones is binomial.
+
+    They have more views than the others, which counts for nothing.
+    """
+    scenes = [scores([1.0] * 9, [0.0])] * 8 + [scores([0.0], [1.0])] * 8
     area = bootstrap_area(scenes, seed=0, repeats=10_000)
     assert (area.low, area.high) == pytest.approx(tuple(binom.ppf([1 / 40, 39 / 40], 16, 0.5) / 16))
+
+
+def test_an_interval_of_few_views_is_widened_as_a_mean_of_few_is() -> None:
+    """The detector is right on some of six positives, so their number among six drawn ones is binomial.
+
+    Six values have Student's quantile for five degrees of freedom, and as a population too small a variance. The class
+    with the fewest runs decides, and an area stays one.
+    """
+    wider = 2.5706 / 1.9600 * math.sqrt(6 / 5)
+    half, most = (scores([1.0] * right + [0.0] * (6 - right), [0.5] * 8) for right in (3, 5))
+    area = bootstrap_area([half], seed=0, repeats=10_000)
+    binomial = binom.ppf([1 / 40, 39 / 40], 6, 0.5) / 6
+    assert (area.low, area.high) == pytest.approx(tuple(0.5 + wider * (binomial - 0.5)), abs=1e-4)
+    assert bootstrap_area([most], seed=0).high == 1
+    single = bootstrap_area([scores([0.5], [0.0] * 30 + [1.0] * 30)], seed=0)
+    assert single.low < single.value < single.high, "of one class there is no choice, but of the other"
+
+
+def test_a_draw_without_a_score_says_nothing() -> None:
+    """In a third of the draws of six views, the only one with a score is missing."""
+    rare = scores([1.0] + [math.nan] * 5, [0.0] * 6)
+    assert bootstrap_area([rare], seed=0) == Area(1, 1, 1)
+    assert bootstrap_area([rare, scores([1.0] * 6, [0.0] * 6)], seed=0) == Area(1, 1, 1)
 
 
 def test_neighbours_that_look_alike_widen_the_interval() -> None:
@@ -164,7 +192,8 @@ def test_a_difference_of_areas_is_that_of_one_draw() -> None:
     apart = bootstrap_excess([own], [scores(list(noise), list(clean), paired=True)], 0)
     assert excess.high - excess.low < 0.6 * (apart.high - apart.low)
     assert math.isnan(bootstrap_excess([], [], 0).value)
-    for other in (scores([1.0], [0.0]), replace(control, scene="bonsai")):
+    fewer = replace(control, negatives=control.negatives[1:])
+    for other in (scores([1.0], [0.0]), replace(control, scene="bonsai"), fewer):
         with pytest.raises(ValueError, match="other scenes or views"):
             bootstrap_excess([own], [other], 0)
 
@@ -173,6 +202,8 @@ def test_the_seed_decides() -> None:
     scene = DetectorScores(*np.random.default_rng(0).normal(0, 1, (2, 60)))
     assert bootstrap_area([scene], seed=1) == bootstrap_area([scene], seed=1)
     assert bootstrap_area([scene], seed=1) != bootstrap_area([scene], seed=2)
+    assert bootstrap_excess([scene], [scene.opposite], 1) == bootstrap_excess([scene], [scene.opposite], 1)
+    assert bootstrap_excess([scene], [scene.opposite], 1) != bootstrap_excess([scene], [scene.opposite], 2)
 
 
 def test_classes_are_compared_within_scenes() -> None:

@@ -19,8 +19,9 @@ BLANK = NAMES[1]
 
 
 def message() -> dict[str, MessageViews]:
-    """A message that one view does not show at all."""
+    """A message in half of each picture, which one view does not show at all."""
     shown, coverage = pictures(1), np.ones((VIEWS, HEIGHT, WIDTH), np.float32)
+    coverage[:, :, : WIDTH // 2] = 0
     shown[NAMES.index(BLANK)], coverage[NAMES.index(BLANK)] = 0, 0
     nothing = np.zeros((0, 3), np.float32)
     return {MESSAGE: MessageViews(MESSAGE, NAMES, shown, nothing, nothing.astype(np.uint8), coverage)}

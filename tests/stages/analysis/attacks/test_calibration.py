@@ -30,6 +30,7 @@ def test_what_cannot_be_reached_has_the_strongest_severity_for_its_last() -> Non
 def test_harmless_attacks_are_measured_at_their_strongest() -> None:
     assert calibrated(lambda severity: 0.0, AIMS, strongest=0.7) == (0.7,)
     assert calibrated(lambda severity: -severity, AIMS, strongest=0.7) == (0.7,)
+    assert calibrated(lambda severity: severity, [0.7, 2.0], strongest=0.7) == (0.7,)
 
 
 def test_a_jump_is_met_from_its_nearer_side() -> None:

@@ -11,6 +11,7 @@ from stages.analysis.attacks.features import (
     channel_permutation,
     compensated_rotation,
     feature_rotation,
+    permuted_counts,
 )
 from stages.analysis.attacks.target import Target
 from stages.hiding.coupled import FEATURES
@@ -65,6 +66,15 @@ def test_without_turning_the_scene_decoder_the_cover_is_lost(method: str) -> Non
     assert min(cover, message) > 0.05
 
 
+@pytest.mark.parametrize("degrees", [30.0, 90.0])
+def test_every_feature_turns_by_the_angle(degrees: float) -> None:
+    target, _ = target_and_owner("homogeneous")
+    attacked = compensated_rotation(target, degrees, generator())
+    before, after = (each.gaussians[FEATURES].sigmoid() - 0.5 for each in (target, attacked))
+    cosines = torch.cosine_similarity(before, after, dim=1)
+    assert torch.rad2deg(cosines.acos()) == pytest.approx(degrees, abs=0.1)
+
+
 @pytest.mark.parametrize("method", COUPLED)
 @pytest.mark.parametrize("channels", [2.0, 7.0, 16.0])
 def test_every_scene_decoder_forgives_permuted_channels(method: str, channels: float) -> None:
@@ -83,7 +93,17 @@ def test_dropped_channels() -> None:
     attacked = channel_dropping(target, 4, generator()).gaussians[FEATURES]
     constant = (attacked == attacked[:1]).all(dim=0)
     assert int(constant.sum()) == 4
-    assert torch.equal(attacked[:, ~constant], target.gaussians[FEATURES][:, ~constant])
+    before = target.gaussians[FEATURES]
+    assert torch.equal(attacked[:, ~constant], before[:, ~constant])
+    means = before[:, constant].sigmoid().mean(dim=0)
+    torch.testing.assert_close(attacked[0, constant].sigmoid(), means)
+
+
+def test_of_few_channels_at_least_one_is_dropped_and_two_change_places() -> None:
+    target, _ = target_and_owner("gs_hider")
+    assert list(permuted_counts(target)) == [2, 4, 8, 12, 16]
+    few = target.with_parameters({FEATURES: target.gaussians[FEATURES][:, :4]})
+    assert (list(channel_counts(few)), list(permuted_counts(few))) == ([1, 2, 3], [2, 3, 4])
 
 
 def test_the_published_decoder_is_left_alone() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from stages.analysis.attacks.reoptimisation import reoptimisation
+from stages.analysis.attacks.reoptimisation import NETWORK_RATE, reoptimisation
 from stages.analysis.attacks.target import Target
 from stages.hiding.rendering import COVER
 from stages.imaging.psnr import psnr
@@ -39,10 +39,22 @@ def test_the_cover_is_learnt_and_the_original_left_alone(method: str, frozen: bo
         assert torch.equal(late.gaussians["message_sh_base"], target.gaussians["message_sh_base"])
 
 
+def test_the_scene_decoder_learns_as_slowly_as_at_the_end_of_a_training() -> None:
+    """Adam's first step is as long as its rate."""
+    target, _ = target_and_owner("gs_hider")
+    after = decoder_of(reoptimisation(2, frozen=False)(target, 0, knowledge())(1))
+    step = max(float((after[name] - values).abs().max()) for name, values in decoder_of(target).items())
+    assert step == pytest.approx(NETWORK_RATE, rel=1e-2)
+
+
 def test_snapshots_are_those_of_one_run() -> None:
     target, _ = target_and_owner("gs_hider")
     once, again = (reoptimisation(6, frozen=True)(target, 3, knowledge()) for _ in range(2))
     once(3)
-    assert torch.equal(once(6).gaussians["raw_features"], again(6).gaussians["raw_features"])
+    features = once(6).gaussians["raw_features"]
+    assert torch.equal(features, again(6).gaussians["raw_features"])
+    assert torch.equal(features, once(6).gaussians["raw_features"])
+    other = reoptimisation(6, frozen=True)(target, 4, knowledge())
+    assert not torch.equal(features, other(6).gaussians["raw_features"])
     with pytest.raises(ValueError, match="no way back"):
         once(3)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 
 from stages.analysis.attacks.rigid_motion import rigid_motion
 from stages.hiding.rendering import COVER
@@ -26,6 +28,22 @@ def test_the_cover_stays_and_so_does_the_message_unless_it_is_told_directions(me
     assert (cover - before[COVER]).abs().max() < SAME
     change = float((shown(attacked, owner)[MESSAGE] - before[MESSAGE]).abs().max())
     assert (change > SAME) == (method == "homogeneous")
+
+
+def test_it_turns_about_the_middle_by_the_angle() -> None:
+    target, _ = target_and_owner("sh")
+    target = target.with_parameters({"means": target.gaussians.means + 5})
+    middle = target.gaussians.means.median(dim=0).values.double().numpy()[None]
+    motion = rigid_motion(target, 15.0, generator()).motion
+    assert motion.points(middle) == pytest.approx(middle)
+    assert np.rad2deg(Rotation.from_matrix(motion.rotation).magnitude()) == pytest.approx(15)
+
+
+def test_cameras_follow_a_world_that_turns_twice() -> None:
+    target, _ = target_and_owner("gs_hider")
+    attacked = rigid_motion(rigid_motion(target, 40.0, generator()), 25.0, torch.Generator().manual_seed(2))
+    before, after = (shown(each, each.method)[COVER] for each in (target, attacked))
+    assert (after - before).abs().max() < SAME
 
 
 def test_a_world_without_gaussians_turns_too() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from stages.analysis.attacks.curves import Assay
 from stages.analysis.attacks.registry import attacks
 from stages.analysis.attacks.renders import jpeg, resizing
 from stages.analysis.attacks.scoring import Scorer
+from stages.analysis.attacks.target import Target
 from stages.hiding.method import build_method
 from stages.hiding.photographs import photographs
 from stages.hiding.rendering import COVER
@@ -44,6 +46,37 @@ def test_every_attack_is_described() -> None:
     assert set(attacks((1,))) == set(ATTACKS) == set(AttackName.__args__)
 
 
+@pytest.mark.parametrize(
+    ("name", "changed"),
+    [
+        ("noise_positions", "means"),
+        ("noise_rotations", "quats"),
+        ("noise_scales", "log_scales"),
+        ("noise_opacities", "logit_opacities"),
+        ("noise_colours", "raw_features"),
+    ],
+)
+def test_noise_is_on_what_its_name_says(name: AttackName, changed: str) -> None:
+    target, _ = target_and_owner("gs_hider")
+    target = target.with_parameters({"quats": torch.randn(200, 4, generator=torch.Generator().manual_seed(0))})
+    attacked = attacks((1,))[name].prepare(target, 0, knowledge())(0.1).gaussians
+    parameters = target.gaussians.parameters
+    assert {each for each, values in parameters.items() if not torch.equal(attacked[each], values)} == {changed}
+
+
+@pytest.mark.parametrize(("name", "is_frozen"), [("reoptimisation", False), ("reoptimisation_frozen", True)])
+def test_reoptimisation_is_measured_on_its_way_with_the_scene_decoder_as_its_name_says(
+    name: AttackName, is_frozen: bool
+) -> None:
+    target, _ = target_and_owner("gs_hider")
+    attack = attacks((3, 1))[name]
+    assert attack.severities is not None
+    assert attack.severities(target) == (1, 3)
+    attacked = attack.prepare(target, 0, knowledge())(1)
+    before, after = (each.method.networks["scene_decoder"].state_dict() for each in (target, attacked))
+    assert all(torch.equal(values, after[each]) for each, values in before.items()) == is_frozen
+
+
 def test_the_cover_is_the_attackers_and_the_message_the_owners() -> None:
     each = assay("gs_hider")
     broken = copy.deepcopy(each.target.method)
@@ -66,6 +99,14 @@ def test_only_a_message_that_is_read_off_renders_is_hurt_with_them(method: str, 
     assert after[None, "psnr"] != before[None, "psnr"]
     assert (after[MESSAGE, "psnr"] != before[MESSAGE, "psnr"]) == (method == "decoder")
     assert attacks((1,))["jpeg"].applies(each.target) == (method == "decoder")
+
+
+@pytest.mark.parametrize(("hurt", "weak", "strong"), [(jpeg, 95, 10), (resizing, 1.25, 4)])
+def test_stronger_distortions_of_renders_cost_the_cover_more(
+    hurt: Callable[[Target, float], Target], weak: float, strong: float
+) -> None:
+    each = assay("sh")
+    assert each.scorer.cover_psnr(hurt(each.target, weak)) > each.scorer.cover_psnr(hurt(each.target, strong)) + 1
 
 
 def test_a_curve_has_its_damage_and_its_seeds() -> None:
@@ -112,6 +153,16 @@ def test_where_there_is_nothing_to_restore_the_figures_are_those_as_found(monkey
     assert len(rendered) == len({row.severity for row in rows})
     assert back == {key: value for key, value in found.items() if key[2] != "lpips_vgg"}
     assert any(quantity == "lpips_vgg" for _, _, quantity in found)
+
+
+def test_perceptual_figures_are_those_before_attacks_and_at_fixed_severities_with_the_first_seed() -> None:
+    each = assay("sh", perceptual={"lpips_vgg": lambda picture, truth: 0.5}, cover_losses=(0.5,))
+    pruning = attacks((1,))["random_pruning"]
+    rows = list(each.curve("random_pruning", pruning))
+    found = {(row.severity, row.seed) for row in rows if row.quantity == "lpips_vgg"}
+    assert found == {(share, 0) for share in pruning.fixed}
+    assert {row.severity for row in rows} > set(pruning.fixed)
+    assert [row.value for row in each.unattacked() if row.quantity == "lpips_vgg"] == [0.5]
 
 
 def test_of_renders_nothing_is_restored() -> None:

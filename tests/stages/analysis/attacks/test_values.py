@@ -39,6 +39,15 @@ def test_stronger_noise_is_the_same_noise_scaled() -> None:
     assert torch.allclose(strong - target.gaussians.means, 2 * (weak - target.gaussians.means), atol=1e-6)
 
 
+def test_noise_on_rotations_does_not_depend_on_the_lengths_of_quaternions() -> None:
+    target, _ = target_and_owner("gs_hider")
+    turns = torch.nn.functional.normalize(torch.randn(200, 4, generator=torch.Generator().manual_seed(1)), dim=1)
+    lengths = torch.linspace(0.1, 9, 200)[:, None]
+    one, other = (target.with_parameters({"quats": each}) for each in (turns, lengths * turns))
+    found = [noise(["quats"])(each, 0.1, generator()).gaussians["quats"] for each in (one, other)]
+    torch.testing.assert_close(found[0], found[1])
+
+
 @pytest.mark.parametrize("bits", SEVERITIES[1:])
 def test_quantised_columns_hold_as_many_values_as_there_are_steps(bits: float) -> None:
     target, _ = target_and_owner("gs_hider", 2000)
@@ -47,13 +56,16 @@ def test_quantised_columns_hold_as_many_values_as_there_are_steps(bits: float) -
     assert len(features[:, 0].unique()) <= 2**bits
     step = (before.amax(dim=0) - before.amin(dim=0)) / (2**bits - 1)
     assert ((features - before).abs() <= step / 2 + 1e-5).all()
+    places = (features - before.amin(dim=0)) / step
+    assert (places - places.round()).abs().max() < 1e-3
     assert (attacked.means - target.gaussians.means).abs().max() < 2 / 2**16
 
 
 def test_half_precision() -> None:
     target, _ = target_and_owner("gs_hider")
-    values = quantisation(target, 16).gaussians["raw_features"]
-    assert torch.equal(values, target.gaussians["raw_features"].half().float())
+    attacked = quantisation(target, 16).gaussians
+    assert torch.equal(attacked["raw_features"], target.gaussians["raw_features"].half().float())
+    assert (attacked.means - target.gaussians.means).abs().max() < 2 / 2**16, "positions are finer"
 
 
 def test_stripping_takes_what_3dgs_does_not_have() -> None:
