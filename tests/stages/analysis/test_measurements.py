@@ -20,6 +20,7 @@ ROWS = (
     Measurement("psnr", 27.25, "random_pruning", 0.15, 1, split="test", method="gs_hider"),
     Measurement("psnr", math.inf, "quantisation", 8.0, view="0001.png", split="test", message="réef"),
     Measurement("stegexpose_fusion", 0.125, "photos"),
+    Measurement("psnr", 20.0, "photos", view="ends\u2028a\x85line.png"),
 )
 
 

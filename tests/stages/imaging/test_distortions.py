@@ -13,6 +13,7 @@ from stages.imaging.distortions import (
     cropped,
     jpeg,
     noisy,
+    random_distortion,
     random_recoloring,
     resized,
     smaller,
@@ -41,6 +42,14 @@ def test_blur_has_the_sigma_that_it_states() -> None:
     places = np.arange(len(slope))
     middle = (slope * places).sum() / slope.sum()
     assert np.sqrt((slope * (places - middle) ** 2).sum() / slope.sum()) == pytest.approx(4.0, rel=0.05)
+
+
+def test_blur_is_the_same_along_both_axes_and_mixes_no_colours() -> None:
+    picture = noise_picture()
+    picture[..., 1] = 128
+    shown = blurred(1.0).apply(picture, generator())
+    assert (shown[..., 1] == 128).all()
+    np.testing.assert_array_equal(blurred(1.0).apply(picture.transpose(1, 0, 2), generator()).transpose(1, 0, 2), shown)
 
 
 def test_stronger_compression_and_smaller_sizes_lose_more() -> None:
@@ -85,6 +94,22 @@ def test_a_crop_is_a_part_and_brightness_a_factor() -> None:
     ]
     assert len(rows) == 1
     np.testing.assert_array_equal(brightened(0.5).apply(np.full((2, 2, 3), 100, np.uint8), generator()), 50)
+
+
+def test_a_crop_is_at_any_place() -> None:
+    rows, columns = np.mgrid[:8, :8].astype(np.uint8)
+    picture, draws = np.stack([rows, columns, rows], axis=-1), generator()
+    corners = {tuple(cropped(0.75).apply(picture, draws)[0, 0, :2].tolist()) for _ in range(200)}
+    assert corners == {(row, column) for row in range(3) for column in range(3)}
+
+
+def test_one_in_seven_random_distortions_is_none() -> None:
+    draws, picture = generator(), noise_picture()
+    made = [random_distortion(picture, draws) for _ in range(700)]
+    assert sum(np.array_equal(each, picture) for each in made) == pytest.approx(100, abs=30)
+    assert sum(each.shape != picture.shape for each in made) == pytest.approx(100, abs=40), "cropped"
+    again = generator()
+    assert all(np.array_equal(random_distortion(picture, again), each) for each in made[:20])
 
 
 @pytest.mark.parametrize("distortion", DISTORTIONS, ids=lambda each: f"{each.name} {each.severity}")

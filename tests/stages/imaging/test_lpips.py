@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from numpy.lib.stride_tricks import sliding_window_view
 
 from stages.imaging.lpips import Lpips, load_lpips
 from stages.imaging.lpips_weights import HOW_TO_INSTALL, Network, Weights
@@ -51,6 +52,52 @@ def random_weights(network: Network) -> Weights:
     for number, layer in enumerate(tapped):
         weights[f"head {number}"] = random.uniform(0, 1, layers[layer][2])
     return {name: array.astype(np.float32) for name, array in weights.items()}
+
+
+class Textbook:
+    """LPIPS by Zhang et al. (2018) of one pair, with convolutions written out, in float64."""
+
+    def __init__(self, weights: Weights):
+        self.weights = {name: array.astype(np.float64) for name, array in weights.items()}
+
+    def convolved(self, layer: int, values: np.ndarray, stride: int, padding: int) -> np.ndarray:
+        """After one layer with its ReLU; values are height x width x channels."""
+        kernel = self.weights[f"{layer}/kernel"]
+        padded = np.pad(values, ((padding, padding), (padding, padding), (0, 0)))
+        windows = sliding_window_view(padded, kernel.shape[:2], axis=(0, 1))[::stride, ::stride]
+        found = np.tensordot(windows, kernel, ([3, 4, 2], [0, 1, 2])) + self.weights[f"{layer}/bias"]
+        return np.maximum(found, 0)
+
+    @staticmethod
+    def pooled(values: np.ndarray, side: int) -> np.ndarray:
+        return sliding_window_view(values, (side, side), axis=(0, 1))[::2, ::2].max(axis=(3, 4))
+
+    def features(self, network: Network, picture: np.ndarray) -> list[np.ndarray]:
+        """The features after the five layers that are compared."""
+        values = (2 * picture - 1 - [-0.030, -0.088, -0.188]) / [0.458, 0.448, 0.450]
+        found = []
+        for layer in range(13 if network == "vgg" else 5):
+            if layer in ((2, 4, 7, 10) if network == "vgg" else (1, 2)):
+                values = self.pooled(values, 2 if network == "vgg" else 3)
+            stride, padding = (1, 1) if network == "vgg" else {0: (4, 2), 1: (1, 2)}.get(layer, (1, 1))
+            values = self.convolved(layer, values, stride, padding)
+            if network == "alex" or layer in (1, 3, 6, 9, 12):
+                found.append(values / np.linalg.norm(values, axis=2, keepdims=True))
+        return found
+
+    def __call__(self, network: Network, picture: np.ndarray, truth: np.ndarray) -> float:
+        pairs = zip(self.features(network, picture), self.features(network, truth), strict=True)
+        return sum(
+            ((one - other) ** 2 @ self.weights[f"head {number}"]).mean() for number, (one, other) in enumerate(pairs)
+        )
+
+
+@pytest.mark.parametrize("network", ["vgg", "alex"])
+def test_agrees_with_the_definition(network: Network) -> None:
+    weights = random_weights(network)
+    picture, truth = np.random.default_rng(2).uniform(0, 1, (2, 37, 46, 3))
+    found = Lpips(network, weights)(torch.from_numpy(picture), torch.from_numpy(truth))
+    assert found == pytest.approx(Textbook(weights)(network, picture, truth), rel=1e-4)
 
 
 @pytest.mark.usefixtures("any_arrays")

@@ -11,6 +11,7 @@ from stages.imaging.psnr import psnr
 def test_known_error() -> None:
     truth = torch.full((4, 5, 3), 0.5)
     assert psnr(truth + 0.1, truth) == pytest.approx(20, abs=1e-5)
+    assert psnr(truth + 1e-5, truth) == pytest.approx(100, abs=0.1)
 
 
 def test_values_beyond_the_range_count_as_its_ends() -> None:

@@ -74,5 +74,6 @@ def test_blur_is_its_own_adjoint_and_pads_with_zeros() -> None:
     "other", [torch.zeros(8, 9, 3), torch.zeros(8, 8, 3, dtype=torch.float64)], ids=["shape", "type"]
 )
 def test_unlike_pictures_are_refused(other: Tensor) -> None:
-    with pytest.raises(ValueError, match="alike in shape, type and device"):
-        ssim(torch.zeros(8, 8, 3), other)
+    for compare in (ssim, ssim_map):
+        with pytest.raises(ValueError, match="alike in shape, type and device"):
+            compare(torch.zeros(8, 8, 3), other)

@@ -30,10 +30,13 @@ def test_unread_directions_cost_the_homogeneous_cover_nothing_until_they_are_rea
 
 def test_removed_directions_are_constant_but_for_values_that_cannot_be_stored() -> None:
     target, _ = target_and_owner("gs_hider")
+    target = target.with_parameters({FEATURES: target.gaussians[FEATURES] + 1})
     features = unread_directions(target, 0, knowledge())(4).gaussians[FEATURES].double().sigmoid()
     values = torch.linalg.svdvals(features - features.mean(dim=0))
     assert (values[-4:] < 1e-2 * values[0]).all()
     assert (values[:-4] > 1e-1 * values[0]).all()
+    before = target.gaussians[FEATURES].double().sigmoid()
+    assert (features.mean(dim=0) - before.mean(dim=0)).abs().max() < 1e-2
 
 
 def test_what_is_heeded_is_what_the_decoder_reads() -> None:
@@ -43,7 +46,9 @@ def test_what_is_heeded_is_what_the_decoder_reads() -> None:
     values, directions = torch.linalg.eigh(heeded(target, 0, knowledge()))
     assert (values[: 16 - len(rows)] < 1e-9 * values[-1]).all()
     assert (rows @ directions[:, : 16 - len(rows)]).abs().max() < 1e-4
-    assert torch.equal(heeded(target, 0, knowledge()), heeded(target, 0, knowledge()))
+    first, again, other = (heeded(target, seed, knowledge()) for seed in (0, 0, 1))
+    assert torch.equal(first, again)
+    assert not torch.equal(first, other)
 
 
 def test_the_published_decoder_is_left_alone() -> None:

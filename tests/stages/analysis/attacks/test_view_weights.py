@@ -69,6 +69,13 @@ def test_what_the_cover_does_not_need_goes_first(clustered: bool) -> None:
     assert set(order[50:150]) == set(range(100))
 
 
+def test_what_costs_least_for_the_weight_that_it_takes_goes_first() -> None:
+    """Squared errors add up: 1, 0.5625 and 1.6 of them for a unit of weight."""
+    weights = Weights(torch.tensor([1.0, 4.0, 10.0]), torch.tensor([1.0, 1.5, 4.0]))
+    assert pruning_order(weights, torch.arange(3)).tolist() == [1, 0, 2]
+    assert pruning_order(weights, torch.tensor([0, 1, 1])).tolist() == [0, 1, 2], "two together cost 18.25 for 14"
+
+
 @pytest.mark.parametrize("attack", [view_weight_pruning, view_weight_clustering])
 def test_a_share_is_pruned_and_the_same_each_time(attack: Callable[[Target, int, Knowledge], Attacker]) -> None:
     target, _ = target_and_owner("homogeneous")

@@ -86,3 +86,13 @@ def test_stretching_uses_all_grey_values_and_leaves_constants_grey() -> None:
     assert float(shown[..., 0].min()) == 0
     assert float(shown[..., 0].max()) == 1
     assert torch.allclose(shown[..., 1], torch.tensor(0.5))
+
+
+def test_stretching_is_the_same_for_all_views_and_ignores_strays() -> None:
+    slope = torch.linspace(-3, 7, 400).reshape(20, 20, 1)
+    dark, bright = stretched([slope, slope + 10])
+    assert float(dark.max()) == pytest.approx(0.5, abs=0.01)
+    assert float(bright.min()) == pytest.approx(0.5, abs=0.01)
+    strayed = slope.clone()
+    strayed[0, 0], strayed[-1, -1] = -1e6, 1e6
+    torch.testing.assert_close(stretched([strayed]), stretched([slope]), rtol=0, atol=0.01)

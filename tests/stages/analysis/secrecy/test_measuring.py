@@ -12,7 +12,7 @@ import torch
 from stages.analysis.secrecy.conditions import ALL, CHANNEL, CHANNELS, LINES
 from stages.analysis.secrecy.feature_map import feature_map_correlations
 from stages.analysis.secrecy.linear import least_squares, multiple_correlations, neighbourhoods
-from stages.analysis.secrecy.measuring import edges, picture_readings
+from stages.analysis.secrecy.measuring import edges, luma, picture_readings
 from tests.stages.analysis.secrecy.observations import smooth, views
 
 OPENLY = torch.cat([torch.zeros(3, 3), torch.eye(3)])
@@ -76,6 +76,13 @@ def test_a_single_view_has_no_control() -> None:
     assert math.isnan(figures([seen.truths for seen in observed], observed)["correlation_others"])
 
 
+def test_a_view_that_shows_nothing_of_the_message_has_no_figures_of_it() -> None:
+    [seen] = views(OPENLY, 1)
+    nothing = replace(seen, truths=torch.zeros_like(seen.truths), coverage=torch.zeros_like(seen.coverage))
+    [(_, _, found)] = picture_readings([seen.truths], [nothing])
+    assert all(math.isnan(value) for value in found.values()), found
+
+
 def test_the_feature_map_is_correlated_with_what_it_shows() -> None:
     observed = views(OPENLY, 4)
     found = feature_map_correlations(observed)
@@ -84,7 +91,11 @@ def test_the_feature_map_is_correlated_with_what_it_shows() -> None:
     for each in by_line[CHANNELS] + by_line[ALL]:
         assert each.own == pytest.approx(1, abs=1e-4)
         assert each.cover < 0.8
-    assert all(each.edges_own > each.edges_others for each in by_line[CHANNEL.format(1)])
+    for each in by_line[CHANNEL.format(1)]:
+        seen = observed[each.view]
+        pair = edges(seen.rendering.feature_map[..., 0]).flatten(), edges(luma(seen.cover)).flatten()
+        assert each.edges_cover == pytest.approx(abs(np.corrcoef(*pair)[0, 1]), abs=1e-5)
+        assert each.edges_own > each.edges_others
     assert feature_map_correlations([]) == []
 
 

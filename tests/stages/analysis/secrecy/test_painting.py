@@ -65,7 +65,10 @@ def test_other_views_are_painted_as_the_owner_would_see_them() -> None:
 def test_it_paints_the_same_of_the_same_seed_and_nothing_without_a_view() -> None:
     gaussians, _, _ = container()
     views = observed()
-    first, again = (painted_surrogate(gaussians, Told(), views[:1], views[1:2], 3, lambda: None) for _ in range(2))
-    assert torch.equal(first[0], again[0])
+    (first,), (again,), (other,) = (
+        painted_surrogate(gaussians, Told(), views[:2], views[2:3], seed, lambda: None) for seed in (3, 3, 4)
+    )
+    assert torch.equal(first, again)
+    assert not torch.equal(first, other)
     with pytest.raises(ValueError, match="without a view"):
         painted_surrogate(gaussians, Told(), [], views, 0, lambda: None)

@@ -53,11 +53,15 @@ def test_a_seed_gives_one_decoder_and_leaves_torch_alone(method: str) -> None:
 
 @pytest.mark.parametrize("method", SETTINGS)
 def test_a_random_decoder_reads_something(method: str) -> None:
-    """One that reads nothing would be no test; our method's directions are zeros until its start."""
-    shown = read(seeded_reader(public(method), 1, 3), OBSERVED[0]).detach()
+    """One that reads nothing would be no test; our method's directions are zeros until its start.
+
+    Both views are from one camera, so only what they show can tell them apart.
+    """
+    shown, other = (read(seeded_reader(public(method), 1, 3), each).detach() for each in OBSERVED[:2])
     assert shown.shape == (1, HEIGHT, WIDTH, 3)
     inside = shown[:, 4:-4, 4:-4]
     assert float(inside.std(dim=(1, 2)).min()) > 1e-4
+    assert float((inside - other[:, 4:-4, 4:-4]).abs().max()) > 1e-3
 
 
 @pytest.mark.parametrize("method", ["gs_hider", "homogeneous"])
@@ -96,6 +100,11 @@ def test_a_square_is_read_as_a_part_of_its_view(method: str) -> None:
     whole = read(reader, OBSERVED[1])[:, row : row + side, column : column + side]
     square = read(reader, OBSERVED[1].crop(row, column, side, side))
     assert torch.allclose(whole[:, inside, inside], square[:, inside, inside], atol=1e-5)
+
+
+@pytest.mark.parametrize(("method", "radius"), [("gs_hider", 3), ("homogeneous", 0), ("decoder", 3)])
+def test_a_decoder_of_three_layers_sees_three_pixels_around(method: str, radius: int) -> None:
+    assert pixels_beyond(seeded_reader(public(method), 1, 1)) == radius
 
 
 def test_several_messages_are_told_apart() -> None:

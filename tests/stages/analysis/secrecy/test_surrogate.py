@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 
 from stages.analysis.secrecy.linear_surrogate import linear_surrogate
 from stages.analysis.secrecy.measuring import picture_readings
-from stages.analysis.secrecy.readers import read, seeded_reader
+from stages.analysis.secrecy.readers import MESSAGE_DECODER, read, seeded_reader
 from stages.analysis.secrecy.surrogate import SurrogateSettings, seen_views, train_surrogate
 from stages.hiding.method import build_method
 from stages.hiding.mixture import orthonormal_rows
@@ -51,6 +52,31 @@ def test_squares_have_what_lies_around_them() -> None:
     assert max(losses) < 1e-9
 
 
+def test_every_view_that_leaked_is_learnt_from() -> None:
+    reader = seeded_reader(PUBLIC, 1, 0)
+    with torch.no_grad():
+        off = [
+            replace(each, truths=read(reader, each) + distance)
+            for each, distance in zip(views(MIXTURE, 3), (1, 2, 3), strict=True)
+        ]
+    losses = train_surrogate(reader, off, SurrogateSettings(30, 8, 1e-9), 0, lambda: None)
+    assert {round(loss) for loss in losses} == {1, 4, 9}
+
+
+def test_steps_get_shorter_in_a_half_cosine() -> None:
+    """Adam's steps are at most about as long as its rate."""
+    reader = seeded_reader(PUBLIC, 1, 0)
+
+    def weights() -> torch.Tensor:
+        return torch.cat([each.detach().flatten() for each in reader.networks[MESSAGE_DECODER].parameters()])
+
+    passed = [weights()]
+    train_surrogate(reader, views(MIXTURE, 1), SurrogateSettings(20, 12, 1e-2), 0, lambda: passed.append(weights()))
+    lengths = [float((after - before).abs().max()) for before, after in pairwise(passed)]
+    assert lengths[0] == pytest.approx(1e-2, rel=1e-2)
+    assert lengths[-1] < 0.02 * lengths[0]
+
+
 def test_nothing_is_learnt_of_what_is_not_there() -> None:
     without = torch.cat([MIXTURE[:3], torch.zeros(3, 8)])
     seen, unseen = views(without, 2, seed=1), views(without, 2, seed=2)
@@ -65,6 +91,7 @@ def test_the_same_seed_learns_the_same_bits() -> None:
         for _ in range(2)
     )
     assert first == second
+    assert first != train_surrogate(seeded_reader(PUBLIC, 1, 0), seen, SurrogateSettings(3, 10, 1e-2), 6, lambda: None)
 
 
 def test_no_views_teach_nothing() -> None:
