@@ -15,6 +15,7 @@ from stages.imaging.distortions import (
     noisy,
     random_distortion,
     random_recoloring,
+    random_tint,
     resized,
     smaller,
 )
@@ -93,7 +94,9 @@ def test_a_crop_is_a_part_and_brightness_a_factor() -> None:
         if (picture[row : row + 48, column : column + 36] == part).all()
     ]
     assert len(rows) == 1
-    np.testing.assert_array_equal(brightened(0.5).apply(np.full((2, 2, 3), 100, np.uint8), generator()), 50)
+    for level, factor, expected in ((100, 0.5, 50), (103, 0.5, 52), (100, 3.0, 255)):
+        shown = brightened(factor).apply(np.full((2, 2, 3), level, np.uint8), generator())
+        np.testing.assert_array_equal(shown, expected)
 
 
 def test_a_crop_is_at_any_place() -> None:
@@ -132,3 +135,20 @@ def test_a_random_recoloring_leaves_every_other_picture_and_keeps_its_lines() ->
     for each in changed:
         assert (np.diff(each[..., 0].astype(int), axis=0) >= 0).all(), "what was brighter stays so"
     assert np.array_equal(random_recoloring(picture, np.random.default_rng(7)), made[7])
+
+
+def test_a_random_recoloring_moves_the_mean_up_as_often_as_down() -> None:
+    grey = np.full((2, 2, 3), 128, np.uint8)
+    moved = [random_recoloring(grey, np.random.default_rng(seed)).astype(int) - 128 for seed in range(400)]
+    moved = [each for each in moved if each.any()]
+    assert abs(np.mean(moved)) < 15
+    assert np.min(moved) < -90
+    assert np.max(moved) > 90
+
+
+def test_a_random_tint_is_a_slight_one() -> None:
+    draws = generator()
+    gains, shifts = (np.array(each) for each in zip(*(random_tint(draws) for _ in range(300)), strict=True))
+    assert gains.dtype == shifts.dtype == np.float32
+    assert (gains.min(), gains.max()) == pytest.approx((0.8, 1.2), abs=0.01)
+    assert (shifts.min(), shifts.max()) == pytest.approx((-0.1, 0.1), abs=0.005)

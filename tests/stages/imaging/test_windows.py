@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from stages.imaging.pictures import Picture
 from stages.imaging.windows import random_window, windows_of_all
@@ -23,6 +24,20 @@ def test_photos_take_turns_and_the_same_window_is_no_second_trial() -> None:
     assert {window.shape for _, window in windows} == {(HEIGHT, WIDTH, 3)}
     large = [window.tobytes() for name, window in windows if name == "large"]
     assert len(set(large)) == len(large)
+
+
+def test_windows_are_at_any_place_and_of_all_sizes_as_often() -> None:
+    """A photo that shows its own rows and columns; sizes are log-uniform, from one to ten times the window's."""
+    rows, columns = np.mgrid[:160, :240].astype(np.uint8)
+    picture, draws = np.stack([rows, columns, rows], axis=-1), np.random.default_rng(0)
+    found = np.array([random_window(picture, 24, 16, draws).astype(float) for _ in range(400)])
+    sizes = np.ptp(found[..., 1], axis=(1, 2)) / 23
+    assert np.median(np.log10(sizes)) == pytest.approx(0.5, abs=0.08)
+    for axis, length, side in ((0, 160, 16), (1, 240, 24)):
+        free = length - side * sizes
+        places = (found[..., axis].mean(axis=(1, 2)) - side * sizes / 2)[free > 20] / free[free > 20]
+        assert places.mean() == pytest.approx(0.5, abs=0.05)
+        assert places.std() == pytest.approx(12**-0.5, abs=0.05)
 
 
 def test_there_may_be_fewer_or_none() -> None:

@@ -90,6 +90,15 @@ def test_the_cover_is_the_attackers_and_the_message_the_owners() -> None:
     assert each.scorer.cover_psnr(each.target) == before[None, "psnr"]
 
 
+def test_messages_are_read_after_opening_and_the_cover_as_it_is_published() -> None:
+    each = assay("gs_hider")
+    half = each.target.keeping(torch.arange(100))
+    owner = Scorer(each.scorer.owner, each.scorer.scene, views(), NAMES[:2], opened=lambda gaussians: half.gaussians)
+    found, sealed, opened = owner.figures(each.target), each.scorer.figures(each.target), each.scorer.figures(half)
+    assert found[None, "psnr"] == sealed[None, "psnr"] != opened[None, "psnr"]
+    assert found[MESSAGE, "psnr"] == opened[MESSAGE, "psnr"] != sealed[MESSAGE, "psnr"]
+
+
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("hurt", ["jpeg", "resizing"])
 def test_only_a_message_that_is_read_off_renders_is_hurt_with_them(method: str, hurt: str) -> None:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -55,6 +56,8 @@ def test_errors_are_averaged_as_errors() -> None:
     assert average(20.0, math.inf) == pytest.approx(20 + 10 * math.log10(2)), "a capture without an error"
     assert average(math.inf, math.inf) == math.inf
     assert average(20.0) == 20.0
+    seeds = {capture: Spread(20.0, 0.5, 3, 3) for capture in ("fox", "bonsai")}
+    assert math.isnan(MeasuredErrors(seeds).average.deviation)
     assert math.isnan(average())
 
 
@@ -62,6 +65,8 @@ def test_other_messages_are_no_seeds() -> None:
     measured = measure([run(24.0, other=("message=reef",)), run(26.0, other=("message=fox",))], PSNR)
     assert measured.on("fox") == 25.0
     assert math.isnan(measured.by_capture["fox"].deviation)
+    more = [run(24.0, other=("message=reef",)), *(run(psnr, other=("message=fox",)) for psnr in (26.0, 27.0, 28.0))]
+    assert measure(more, PSNR).by_capture["fox"].worth == pytest.approx(1 / ((1 + 1 / 3) / 4))
     assert noise([run(24.0, other=("message=reef",)), run(26.0, other=("message=fox",))], PSNR).count == 0
 
 
@@ -70,6 +75,7 @@ def test_noise_is_pooled_over_what_differs_in_seed_alone() -> None:
     found = noise(runs, PSNR)
     assert found.deviation == pytest.approx(math.sqrt((2 + 2) / (1 + 2)))
     assert found.count == 5
+    assert noise([run(24.0), replace(run(26.0), settings=(("lambda_message", 1.0),))], PSNR).count == 0
     assert math.isnan(noise(runs[-1:], PSNR).deviation)
 
 

@@ -61,6 +61,8 @@ def test_the_scene_decoder_is_sensitive_to_what_it_shows(public: GSHider, mixtur
     along = torch.einsum("km,mn,kn->k", mixture, heeded, mixture)
     assert (along[:3] > 0.5).all()
     assert (along[3:] < 1e-6).all()
+    assert torch.equal(sensitivity(public, views(mixture), seed=0).float(), heeded)
+    assert not torch.equal(sensitivity(public, views(mixture), seed=1).float(), heeded)
 
 
 def test_ignored_directions_weigh_variance_against_sensitivity() -> None:

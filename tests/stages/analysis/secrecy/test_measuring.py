@@ -91,11 +91,14 @@ def test_the_feature_map_is_correlated_with_what_it_shows() -> None:
     for each in by_line[CHANNELS] + by_line[ALL]:
         assert each.own == pytest.approx(1, abs=1e-4)
         assert each.cover < 0.8
-    for each in by_line[CHANNEL.format(1)]:
-        seen = observed[each.view]
-        pair = edges(seen.rendering.feature_map[..., 0]).flatten(), edges(luma(seen.cover)).flatten()
-        assert each.edges_cover == pytest.approx(abs(np.corrcoef(*pair)[0, 1]), abs=1e-5)
-        assert each.edges_own > each.edges_others
+    for number in range(3):
+        for each in by_line[CHANNEL.format(number + 1)]:
+            seen = observed[each.view]
+            pair = seen.rendering.feature_map[..., number], luma(seen.cover)
+            of_edges = np.corrcoef(*(edges(picture).flatten() for picture in pair))[0, 1]
+            assert each.cover == pytest.approx(abs(np.corrcoef(*(each.flatten() for each in pair))[0, 1]), abs=1e-5)
+            assert each.edges_cover == pytest.approx(abs(of_edges), abs=1e-5)
+    assert all(each.edges_own > each.edges_others for each in by_line[CHANNEL.format(1)])
     assert feature_map_correlations([]) == []
 
 

@@ -6,14 +6,17 @@ import numpy as np
 import pytest
 import torch
 
+from stages.analysis.secrecy.conditions import OTHER_START, OWN_START, RANDOM
 from stages.analysis.secrecy.readers import (
     MESSAGE_DECODER,
+    WRONG_SEEDS,
     attackers_reader,
     pixels_beyond,
     read,
     seeded_reader,
     started_reader,
 )
+from stages.analysis.secrecy.wrong_decoder import wrong_readings
 from stages.hiding.method import Method, build_method
 from stages.hiding.mixture import orthonormal_rows
 from stages.hiding.rendering import COVER
@@ -88,6 +91,17 @@ def test_an_attacker_has_another_key_than_a_training_of_the_same_seed(method: st
 def test_a_method_that_starts_at_random_has_no_start() -> None:
     with pytest.raises(ValueError, match="random weights"):
         started_reader(public("decoder"), 1, 0)
+
+
+def test_wrong_decoders_have_no_seed_of_a_training_but_the_one_that_is_asked_for() -> None:
+    found = wrong_readings(public("gs_hider"), OBSERVED[:1], 2, 4, lambda: None)
+    assert [(wrong.condition, wrong.seed) for wrong in found] == [
+        (RANDOM, WRONG_SEEDS),
+        (RANDOM, WRONG_SEEDS + 1),
+        (OTHER_START, WRONG_SEEDS),
+        (OTHER_START, WRONG_SEEDS + 1),
+        (OWN_START, 4),
+    ]
 
 
 @pytest.mark.parametrize("method", SETTINGS)

@@ -110,3 +110,4 @@ def test_a_smaller_share_is_part_of_a_larger_one(first: float, second: float, se
 def test_shares_of_the_fox() -> None:
     assert [len(seen_views(NAMES, share, 0)) for share in (0, 0.01, 0.05, 0.2, 1)] == [0, 1, 2, 9, 43]
     assert seen_views((), 0.5, 0) == ()
+    assert set(seen_views(NAMES, 0.2, 0)) != set(seen_views(NAMES, 0.2, 1))
