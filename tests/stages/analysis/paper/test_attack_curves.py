@@ -96,7 +96,9 @@ def test_a_vertical_drop_counts_over_the_whole_width() -> None:
 
 def test_an_attacker_takes_the_best_of_what_costs_no_more() -> None:
     assert curve((1, 6), (3, 1)).message_left(3) == pytest.approx((MESSAGE - 3 + 2 * (MESSAGE - 6)) / 3)
-    assert curve((-0.5, 6)).message_left(2) == pytest.approx(MESSAGE - 6), "an attack that improves the cover is free"
+    better = curve((-0.5, 6))
+    assert better.message_left(2) == pytest.approx(MESSAGE - 6), "an attack that improves the cover is free"
+    assert (better.reach, better.gain) == (0, 6)
 
 
 def test_an_attack_that_only_hurts_the_cover_gains_nothing() -> None:
@@ -135,6 +137,7 @@ def test_what_costs_next_to_nothing_costs_nothing() -> None:
         assert curve((free, 4), (1, 9)).message_left(0) == pytest.approx(MESSAGE - 4)
         assert curve((free, 4)).message_left(3) == pytest.approx(MESSAGE - 4)
     assert curve((1.1 * LEAST_LOSS, 4)).message_left(0) > MESSAGE - 4
+    assert curve((1.1 * LEAST_LOSS, 4)).message_left(LEAST_LOSS) == MESSAGE
 
 
 def pruned(
@@ -176,6 +179,7 @@ def test_how_far_trainings_lie_apart_is_no_spread_of_an_attacks_seeds() -> None:
     there = at_severity(both, "cloning", 1.0, True, "psnr").by_capture["fox"]
     assert left == there
     assert (left.mean, left.count) == (22.0, 2)
+    assert left.worth == 2, "of two trainings, however many seeds there are"
     assert left.deviation == pytest.approx(math.hypot(math.sqrt(0.02), math.sqrt(0.02)) / 2)
 
 

@@ -10,12 +10,22 @@ import pytest
 
 from stages.analysis.learned_detection import TRAINING_SCENES
 from stages.analysis.measurements import Measurement
-from stages.analysis.paper.detection import CHANCE, HIDING, area_of, excess_cell, excess_of, verdict
+from stages.analysis.paper.detection import (
+    AS_IN_THE_PAPER,
+    CHANCE,
+    HIDING,
+    RENDERING,
+    area_of,
+    excess_cell,
+    excess_of,
+    scores_of,
+    verdict,
+)
 from stages.analysis.paper.published import read_published
 from stages.analysis.paper.runs import Experiment, Study
 from stages.analysis.paper.steganalysis import steganalysis
 from stages.analysis.paper.steganalysis_tables import AREA_NOTE, EXCESS
-from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN
+from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN, PHOTOS
 from stages.analysis.stegexpose.fusion import DETECTORS, FUSION
 
 LOGIT = "learned_on_renders"
@@ -73,6 +83,34 @@ def test_what_both_share_is_drawn_once() -> None:
     assert verdict(sure, LOGIT) == "distinguished"
     assert excess_cell(sure, LOGIT).text == f"{excess.value:+.2f}"
     assert excess_cell([seen("fox", 0.95, None)], LOGIT).text == ""
+
+
+def test_renders_are_of_the_same_cameras_and_photos_are_not() -> None:
+    """Other numbers of renders are of other cameras, and cannot be compared with their control view by view."""
+
+    def counted(hidden: int, photos: int, clean: int) -> Experiment:
+        counts = {HIDDEN: hidden, PHOTOS: photos, CLEAN: clean, CLEAN_AGAIN: VIEWS}
+        rows = [Measurement(LOGIT, view / 7 % 1, kind) for kind, count in counts.items() for view in range(count)]
+        return Experiment("fox", "gs_hider", "0", tuple(rows), {})
+
+    alike, fewer = counted(VIEWS, VIEWS, VIEWS), counted(VIEWS - 1, VIEWS, VIEWS)
+    kinds = (AS_IN_THE_PAPER, RENDERING, HIDING, CHANCE)
+    assert [scores_of([alike], LOGIT, kind)[0].paired for kind in kinds] == [False, False, True, True]
+    assert [scores_of([fewer], LOGIT, kind)[0].paired for kind in kinds] == [False, False, False, True]
+    assert not math.isnan(excess_of([alike], LOGIT).value)
+    assert math.isnan(excess_of([fewer], LOGIT).value)
+
+
+def test_what_has_no_scores_has_no_part_in_the_excess() -> None:
+    measured, other = seen("fox", 0.95, 0.5), seen("bonsai", 0.95, 0.5)
+    unmeasured = tuple(replace(row, value=math.nan) if row.condition == HIDDEN else row for row in other.rows)
+    assert excess_of([measured, replace(other, rows=unmeasured)], LOGIT) == excess_of([measured], LOGIT)
+
+
+@pytest.mark.parametrize(("hiding", "words"), [(0.57, "barely distinguished"), (0.65, "distinguished")])
+def test_what_ranks_more_than_six_of_ten_pairs_is_not_called_barely(hiding: float, words: str) -> None:
+    captures = [seen(f"capture {number}", hiding, 0.5) for number in range(12)]
+    assert verdict(captures, LOGIT).startswith(words)
 
 
 def test_chance_that_was_not_measured_is_said() -> None:

@@ -155,6 +155,19 @@ def test_what_is_not_secure_on_one_capture_is_not_secure(values: list[float], no
     assert OnEachCapture("", "ratio", "at most", 0.6, measured, noise=Noise(noise, math.inf)).verdict == verdict
 
 
+def test_on_each_capture_noise_is_that_of_the_worst_one() -> None:
+    """The mean of four runs has half the noise of one."""
+
+    def verdict(sense: str, *spreads: Spread) -> str:
+        measured = Measured({str(number): spread for number, spread in enumerate(spreads)})
+        return OnEachCapture("", "ratio", sense, 0.6, measured, noise=Noise(0.01, math.inf)).verdict  # type: ignore[arg-type]
+
+    assert verdict("at least", Spread(0.61), Spread(2.0)) == "holds, within noise"
+    assert verdict("at least", Spread(0.64), Spread(2.0)) == "holds"
+    assert verdict("at most", Spread(0.588), Spread(0.1)) == "holds, within noise"
+    assert verdict("at most", Spread(0.588, worth=4.0), Spread(0.1)) == "holds"
+
+
 def test_few_runs_tell_no_deviation_for_sure() -> None:
     """Student's t is 4.30 for three runs (two degrees of freedom), and 2.02 for three on each of twenty captures."""
     three = [run(24.0), run(25.0), run(26.0)]

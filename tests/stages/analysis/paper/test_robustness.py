@@ -106,6 +106,33 @@ def test_areas_are_over_what_both_reach(chapter: Chapter) -> None:
     assert unread["3DGS+SH"] == ATTACKS["unread_directions"].needs
 
 
+def test_where_an_attack_has_nothing_to_act_on_it_is_said() -> None:
+    tried = {
+        "decoder": ("jpeg",),
+        "gs_hider": ("stripping", "feature_rotation"),
+        "sh": ("stripping",),
+    }
+    experiments = []
+    for method, names in tried.items():
+        found = [*rows("sh", UNATTACKED, None, None, 0, 0)]
+        for name in names:
+            found += rows("sh", name, 1.0, 0, 1.0, 1.0)
+        own = tuple(replace(row, method=method) for row in found)
+        experiments.append(Experiment("fox", method, "0", own, {}))
+    chapter = robustness(Study((), experiments=tuple(experiments)), read_published())
+    found = written(chapter, f"What is left of the message, {FOUND}")
+    spared = {
+        ("JPEG of the renders", "GS-Hider"): "jpeg",
+        ("JPEG of the renders", "3DGS+SH"): "jpeg",
+        ("Stripping", "3DGS+Decoder"): "stripping",
+        ("Feature rotation", "3DGS+Decoder"): "feature_rotation",
+        ("Feature rotation", "3DGS+SH"): "feature_rotation",
+    }
+    for (title, method), attack in spared.items():
+        assert found[title,][method] == ATTACKS[attack].needs
+    assert float(found["JPEG of the renders",]["3DGS+Decoder"]) < BEFORE["sh"][1]
+
+
 def test_what_a_message_loses_stands_beside_what_is_left_of_it(chapter: Chapter) -> None:
     [grid] = [grid for grid in chapter.grids if grid.caption.startswith(f"What is left of the message, {FOUND}")]
     [unread] = [line for line in grid.lines if line.names == ("Unread directions removed",)]
@@ -145,7 +172,12 @@ def test_the_weakest_attack_is_named_with_its_reason(chapter: Chapter) -> None:
 def test_bars(chapter: Chapter) -> None:
     verdicts = {relation.text: relation.verdict for relation in chapter.relations}
     assert verdicts["GS-Hider, 15 % sequential: change of the cover"] == "holds"
+    assert verdicts["GS-Hider, 25 % at random: change of the cover"] == "holds"
     assert verdicts["GS-Hider, 25 % at random: change of the message"] == "holds"
+    bounds = {relation.text: relation.bound for relation in chapter.relations}
+    for picture, at_random in (("cover", -2.9), ("message", -1.6)):
+        assert bounds[f"GS-Hider, 15 % sequential: change of the {picture}"] == -0.05
+        assert bounds[f"GS-Hider, 25 % at random: change of the {picture}"] == at_random
     ours = "Homogeneous GS-Hider not below GS-Hider by more than the spread, "
     assert verdicts[f"{ours}as found: random pruning"] == "holds"
     assert verdicts[f"{ours}as found: unread directions removed"] == "does not hold"

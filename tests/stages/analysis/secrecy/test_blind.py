@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
+from stages.analysis.secrecy.apart import THIN, feature_maps_of, surfaces_of
 from stages.analysis.secrecy.blind import blind_readings, heeded_directions, ignored_directions, sensitivity, stretched
 from stages.analysis.secrecy.conditions import CHANNELS, COMPONENTS, IGNORED, UNEXPLAINED
 from stages.analysis.secrecy.measuring import picture_readings
+from stages.hiding.coupled import FEATURES
 from stages.hiding.methods.gs_hider import GSHider, build
 from stages.hiding.mixture import orthonormal_rows
-from stages.scene.gaussians import Gaussians
+from stages.scene.cameras import single_cameras
+from stages.scene.gaussians import Gaussians, gaussians_at
+from tests.stages.analysis.attacks.containers import cameras, target_and_owner
 from tests.stages.analysis.secrecy.observations import views
 
 M = 8
@@ -80,6 +86,33 @@ def test_heeded_directions_show_nothing_of_what_is_not_heeded() -> None:
     directions = heeded_directions(maps, torch.diag(torch.tensor([4.0, 0.0, 4.0, 0.1], dtype=torch.float64)))
     assert directions[1].abs().max() < 1e-6
     assert directions[:, 0].abs().argmax() == 0
+
+
+def test_features_of_some_gaussians_are_told_from_the_grey_between_them() -> None:
+    """All features are 3/4, and so 1/4 more than nothing, whatever a pixel's opacity; empty pixels show 0."""
+    target, _ = target_and_owner("homogeneous")
+    raw = torch.full_like(target.gaussians[FEATURES], 3.0).log()
+    gaussians = target.with_parameters({FEATURES: raw}).gaussians
+    seen = replace(views(torch.eye(6), 1)[0], camera=single_cameras(cameras())[0])
+    [found] = feature_maps_of(gaussians, target.method, [seen])
+    [surfaces] = surfaces_of(gaussians, [seen])
+    filled = surfaces[..., 2:]
+    assert float(filled.min()) < 0.1 < 0.9 < float(filled.max())
+    torch.testing.assert_close(found, (0.25 * filled / (filled + THIN)).expand_as(found), rtol=0, atol=1e-4)
+
+
+def test_surfaces_are_depths_inverse_depths_and_opacity() -> None:
+    points = np.random.default_rng(0).uniform(-1, 1, (40, 3))
+    points[:, 2] = 1.0
+    [seen] = views(torch.eye(6), 1)
+    back = torch.eye(4)
+    back[2, 3] = 3.0
+    seen = replace(seen, camera=replace(seen.camera, world_to_camera=back))
+    [shown] = surfaces_of(gaussians_at(points, {}), [seen])
+    share = shown[..., 2] / (shown[..., 2] + THIN)
+    assert float(share.max()) > 0.5
+    torch.testing.assert_close(shown[..., 0], 4 * share, rtol=1e-4, atol=1e-5)
+    torch.testing.assert_close(shown[..., 1], share / 4, rtol=1e-4, atol=1e-5)
 
 
 def test_stretching_uses_all_grey_values_and_leaves_constants_grey() -> None:
