@@ -61,11 +61,12 @@ def test_links_of_an_earlier_version_are_closed_to_others(workspace: Workspace) 
     assert mode(latest) == 0o700
 
 
-def test_a_record_tells_of_what_was_private(tmp_path: Path) -> None:
-    """The record is private although all outputs are public: its parameters may be private, for example."""
+@pytest.mark.parametrize("private", ["action", "output"])
+def test_a_record_tells_of_what_was_private(tmp_path: Path, private: str) -> None:
+    """The record is also private if all outputs are public: its parameters may be private, for example."""
     store = Store(tmp_path / "store")
-    writer = ArtifactWriter(store.temporary() / "out", "numbers")
+    writer = ArtifactWriter(store.temporary() / "out", "numbers", private=private == "output")
     writer.write("values", np.zeros(3))
-    store.commit("ab" * 32, {}, {"out": writer}, {**PROVENANCE, "private": True})
+    store.commit("ab" * 32, {}, {"out": writer}, {**PROVENANCE, "private": private == "action"})
     folder = store.root / "actions" / ("ab" * 32)
     assert (mode(folder), mode(folder / "record.json")) == (0o700, 0o600)

@@ -98,4 +98,7 @@ def test_a_failure_with_other_settings_is_none_of_this_plan(workspace: Workspace
     workspace.write("stages:\n  base: {uses: numbers}\n  bad: {uses: fail, in: {numbers: base}, with: {how: user}}")
     workspace.run()
     assert workspace.plan()["bad"].failed is not None
-    assert workspace.plan("bad.how=death")["bad"].failed is None
+    assert workspace.plan("bad.how=defect")["bad"].failed is None
+    workspace.run("bad.how=defect")
+    assert workspace.plan("bad.how=defect")["bad"].failed is not None
+    assert workspace.plan()["bad"].failed is None, "the last failure counts"

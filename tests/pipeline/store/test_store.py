@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pipeline.artifact import ArtifactWriter
-from pipeline.store.record import Record
+from pipeline.store.record import Record, first_makers, newest_makers
 from pipeline.store.store import Store
 from tests.pipeline.helpers import CHAIN, PROVENANCE, Workspace
 
@@ -32,8 +32,13 @@ def test_the_first_of_two_results_stays(tmp_path: Path) -> None:
 
 def test_one_object_for_equal_results(tmp_path: Path) -> None:
     store = Store(tmp_path / "store")
-    assert commit(store, 1.0).outputs == commit(store, 1.0, "cd" * 32).outputs
-    assert len(list((store.root / "objects").iterdir())) == 1
+    outputs = commit(store, 1.0).outputs
+    place = store.object(outputs["out"])
+    first = place.stat().st_ino
+    assert commit(store, 1.0, "cd" * 32).outputs == outputs
+    store.set_aside(outputs["out"])
+    assert list((store.root / "objects").iterdir()) == [place]
+    assert place.stat().st_ino == first, "a sound one stays: others may be reading it"
 
 
 def test_a_damaged_object_is_replaced(tmp_path: Path) -> None:
@@ -43,6 +48,17 @@ def test_a_damaged_object_is_replaced(tmp_path: Path) -> None:
     chunk.write_bytes(b"")
     commit(store, 1.0, "cd" * 32)
     np.testing.assert_array_equal(store.artifact(digest).read("values"), np.ones(3))
+
+
+@pytest.mark.parametrize("keys", [("ab" * 32, "cd" * 32), ("cd" * 32, "ab" * 32)])
+def test_what_was_accepted_was_made_later(keys: tuple[str, str]) -> None:
+    """It has the start time of the result that it was accepted for, and either key may come first."""
+    outputs = {"out": "0" * 64}
+    made = Record(keys[0], {}, outputs, PROVENANCE)
+    accepted = Record(keys[1], {}, outputs, {**PROVENANCE, "accepted": [{"when": "", "changes": []}]})
+    records = sorted((made, accepted), key=lambda record: record.key)
+    assert first_makers(records) == {"0" * 64: made}
+    assert newest_makers(records) == {"0" * 64: accepted}
 
 
 @pytest.mark.parametrize("damage", ["", "{", "[]", "{}"])

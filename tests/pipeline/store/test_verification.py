@@ -133,6 +133,7 @@ def test_an_altered_record(workspace: Workspace, change: Callable[[object], obje
         lambda content: content.pop("key"),
         lambda content: content.update(parts=[]),
         lambda content: content.update(outputs="a" * 64),
+        lambda content: content["outputs"].update(numbers=content["outputs"]["numbers"] + "/../x"),
         lambda content: content.update(provenance=[]),
         lambda content: content["provenance"].pop("seconds"),
         lambda content: content["provenance"].update(seconds="1"),

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from pipeline.errors import UserError
 from stages.scene.alignment import project
 from stages.scene.cameras import Cameras, pixel_directions, rig_extent, single_cameras
 from stages.tracing.rig import orbit
@@ -30,6 +31,25 @@ def test_a_rig_extends_as_far_as_its_farthest_camera() -> None:
     """Lengths are divided by the extent, so it is 1 if all cameras are in one place."""
     assert rig_extent(standing_at([[-1, 0, 0], [1, 0, 0], [0, 2, 0]])) == pytest.approx(1.1 * 4 / 3)
     assert rig_extent(standing_at([[1, 2, 3]])) == rig_extent(standing_at([[0.1, 0.7, 0.3]] * 3)) == 1.0
+    assert rig_extent(standing_at([[0, 0, 0]] * 3)) == 1.0
+
+
+def test_each_selected_camera_keeps_its_pose_and_its_intrinsics() -> None:
+    world_to_camera, intrinsics = orbit(3, *SIZE, seed=0)
+    intrinsics[:, 0, 0] += np.arange(3)
+    chosen = Cameras(("a", "b", "c"), world_to_camera, intrinsics, *SIZE).select(["c", "a"])
+    assert chosen.names == ("c", "a")
+    np.testing.assert_array_equal(chosen.world_to_camera, world_to_camera[[2, 0]])
+    np.testing.assert_array_equal(chosen.intrinsics, intrinsics[[2, 0]])
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("field", ["world_to_camera", "intrinsics"])
+def test_a_camera_that_is_not_finite_is_named(field: str, value: float) -> None:
+    arrays = dict(zip(("world_to_camera", "intrinsics"), orbit(3, *SIZE, seed=0), strict=True))
+    arrays[field][1, 0, 0] = value
+    with pytest.raises(UserError, match=f"b: a camera's {field} is not finite"):
+        Cameras(("a", "b", "c"), **arrays, width=20, height=14)
 
 
 def standing_at(centres: list[list[float]]) -> Cameras:

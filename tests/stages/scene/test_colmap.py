@@ -27,7 +27,7 @@ def write_binary_model(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "cameras.bin").write_bytes(struct.pack("<QiiQQ8d", 1, 7, 4, 640, 480, *LENS.parameters))
     images = struct.pack("<Q", 2)
-    for number, name, observations in ((1, b"b two.jpg\0", 2), (2, b"a.jpg\0", 0)):
+    for number, name, observations in ((1, b"b two.jpg\0", 0), (2, b"a.jpg\0", 2)):
         images += struct.pack("<I7dI", number, *QUATERNION, *TRANSLATION, 7) + name
         images += struct.pack("<Q", observations) + struct.pack("<ddq", 1.0, 2.0, -1) * observations
     (folder / "images.bin").write_bytes(images)
@@ -61,9 +61,12 @@ def test_of_several_models_the_one_of_most_photos_counts(tmp_path: Path) -> None
             images = tmp_path / "sparse" / number / "images.txt"
             images.write_text("\n".join(images.read_text().splitlines()[:3]))
     (tmp_path / "sparse" / "notes").mkdir()
+    write_binary_model(tmp_path / "sparse" / "3")
+    (tmp_path / "sparse" / "3" / "images.bin").write_bytes(b"cut off")
     found = find_colmap_model(tmp_path)
     assert found == tmp_path / "sparse" / "1"
-    assert [(other.name, photos_in_model(other)) for other in models_beside(found)] == [("0", 1), ("2", 2), ("10", 1)]
+    others = [(other.name, photos_in_model(other)) for other in models_beside(found)]
+    assert others == [("0", 1), ("2", 2), ("3", 0), ("10", 1)]
     (found / "images.txt").write_text("no model")
     assert find_colmap_model(tmp_path) == tmp_path / "sparse" / "2"
 
@@ -129,13 +132,24 @@ def test_text_is_read_as_colmap_reads_it(tmp_path: Path) -> None:
     assert [photo.name for photo in read_colmap_model(tmp_path)] == ["a.jpg", "b two.jpg"]
 
 
-@pytest.mark.parametrize("name", ["a.jpg", "a b.jpg", "a b c.jpg"])
+@pytest.mark.parametrize("name", ["a.jpg", "a b.jpg", "a b c.jpg", "7"])
 def test_images_without_lines_of_observations_are_refused_not_halved(tmp_path: Path, name: str) -> None:
     write_text_model(tmp_path)
     lines = [line for line in (tmp_path / "images.txt").read_text().splitlines() if "jpg" in line]
     (tmp_path / "images.txt").write_text("\n".join(lines).replace("a.jpg", name))
     with pytest.raises(UserError, match=r"images\.txt.*line 2: the line of observations after an image is missing"):
         read_colmap_model(tmp_path)
+
+
+def test_image_ids_are_those_that_a_binary_model_can_hold(tmp_path: Path) -> None:
+    write_text_model(tmp_path)
+    images = (tmp_path / "images.txt").read_text()
+    (tmp_path / "images.txt").write_text(images.replace("\n2 ", f"\n{2**32 - 1} "))
+    assert [photo.number for photo in read_colmap_model(tmp_path)] == [2**32 - 1, 1]
+    for number in (-1, 2**32):
+        (tmp_path / "images.txt").write_text(images.replace("\n2 ", f"\n{number} "))
+        with pytest.raises(UserError, match=rf"line 4: a photo of number {number}\b"):
+            read_colmap_model(tmp_path)
 
 
 @pytest.mark.parametrize("missing", range(1, 9))

@@ -9,7 +9,7 @@ import pytest
 
 from pipeline.artifact import create, load
 from pipeline.errors import UserError
-from stages.scene.message_views import MessageViews, read_messages, write_message_views
+from stages.scene.message_views import LEGAL_COVERAGE, MessageViews, read_messages, write_message_views
 from tests.stages.small import NAMES, message_views
 
 MESSAGE = "statue"
@@ -31,11 +31,13 @@ def test_a_message_that_lacks_a_view(tmp_path: Path) -> None:
 def test_views_are_paired_by_name(tmp_path: Path) -> None:
     """In any order, even if the message was rendered for more views."""
     pictures = np.arange(3, dtype=np.uint8)[:, None, None, None].repeat(3, axis=3)
-    coverage = np.array([0, 0.5, 1], np.float32)[:, None, None]
+    coverage = np.array([0, LEGAL_COVERAGE, 1], np.float32)[:, None, None]
     points, colors = np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8)
     with create(tmp_path / "views", "views", private=True) as writer:
         write_message_views(writer, MessageViews(MESSAGE, ("a", "b", "c"), pictures, points, colors, coverage))
-    views = read_messages([load(tmp_path / "views")], ["c", "a"])[MESSAGE]
+    artifact = load(tmp_path / "views")
+    assert artifact.attributes["legal"] == [False, True, True]
+    views = read_messages([artifact], ["c", "a"])[MESSAGE]
     assert views.view_names == ("c", "a")
     assert views.pictures[:, 0, 0, 0].tolist() == [2, 0]
     assert views.mean_coverage.tolist() == [1, 0]

@@ -72,6 +72,15 @@ def test_splits_whose_photos_would_be_called_the_same_are_refused(tmp_path: Path
     expect_refusal(folder, tmp_path / "twice", "far_0.png is posed twice")
 
 
+def test_names_that_the_split_makes_too_long_are_refused(tmp_path: Path) -> None:
+    folder = tmp_path / "rig"
+    paths = [f"train/{'a' * 120}/{'b' * 124}/r_0", "train/c/r_0"]
+    for path in paths:
+        take(folder / f"{path}.png", size=(64, 64))
+    write_split(folder, "train", paths)
+    expect_refusal(folder, tmp_path / "out", "no file can have the name of a photo", "train_aaa", "of 259 bytes")
+
+
 def test_a_folder_of_photos_is_not_asked_for_beside_splits(tmp_path: Path) -> None:
     nerf_synthetic(tmp_path / "lego", train=["r_0"], test=["r_0"])
     found = "images: train, and transforms_train.json and transforms_test.json"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from pipeline.errors import UserError
 from stages.scene import transforms
@@ -34,6 +35,25 @@ def test_opengl_cameras_become_opencv_cameras(tmp_path: Path) -> None:
     np.testing.assert_allclose(-pose[:3, :3].T @ pose[:3, 3], [4, 5, 6], atol=1e-12)
     np.testing.assert_allclose(pose[:3, :3], [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-12)  # right, down, forward
     np.testing.assert_allclose(photo.lens.matrix(), [[320, 0, 320], [0, 320, 240], [0, 0, 1]])
+
+
+def test_rounded_rotations_become_rotations(tmp_path: Path) -> None:
+    """Files often have few decimals, which no renderer may take for a shear."""
+    turned = np.eye(4)
+    turned[:3, :3] = Rotation.from_rotvec([0.3, -0.7, 1.1]).as_matrix()
+    frame = {"file_path": "a", "transform_matrix": turned.round(3).tolist()}
+    pose = read_transforms(write(tmp_path, [frame], fl_x=100.0), size_of)[0].world_to_camera
+    np.testing.assert_allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(np.diag([1, -1, -1]) @ pose[:3, :3], turned[:3, :3].T, atol=1e-3)
+
+
+def test_an_angle_is_the_same_for_resized_photos(tmp_path: Path) -> None:
+    """Only intrinsics in pixels need the size that they refer to."""
+    path = write(tmp_path, [{"file_path": "a", "transform_matrix": MATRIX}], camera_angle_x=math.pi / 2)
+    assert read_transforms(path, size_of, resized=True)[0].lens.parameters[:2] == pytest.approx((320, 320))
+    path = write(tmp_path, [{"file_path": "a", "transform_matrix": MATRIX}], fl_x=320.0)
+    with pytest.raises(UserError, match="w and h are missing"):
+        read_transforms(path, size_of, resized=True)
 
 
 def test_a_frames_own_intrinsics_come_first(tmp_path: Path) -> None:
