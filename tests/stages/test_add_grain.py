@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from pipeline.artifact import Artifact
+from pipeline.errors import UserError
 from pipeline.stage import run_stage
 from stages.add_grain import AddGrainParameters, add_grain
 from stages.draw_key import DrawKeyParameters, draw_key
 from stages.hide_scenes import HideScenesParameters, hide_scenes
-from stages.hiding.key import key_generator
+from stages.hiding.key import generator_apart, key_generator
 from stages.hiding.opening import read_container
 from stages.hiding.rendering import COVER
 from stages.hiding.sealing import SEAL
@@ -22,6 +23,7 @@ from stages.hiding.watermark.grain import follows
 from stages.scene.cameras import single_cameras
 from stages.scene.scene import read_scene
 from stages.seal import SealParameters, seal
+from tests.stages import small
 from tests.stages.small import message_views, scene
 
 Made = dict[str, Artifact]
@@ -87,3 +89,32 @@ def test_without_a_grain_its_key_is_unread(tmp_path: Path) -> None:
         for seed in (1, 2)
     }
     assert len(digests) == 1
+
+
+def test_coins_follow_from_the_seed_where_there_is_no_key_and_noise_from_the_key_where_there_is_one(
+    tmp_path: Path,
+) -> None:
+    given = {"container": small.splats(tmp_path / "splats"), "cover": scene(tmp_path / "cover")}
+    before, key = read_gaussians(given["container"]), drawn(tmp_path / "key", 1)
+    for name, seed, inputs in (("first", 0, {}), ("second", 1, {}), ("of a key", 0, {"key": key})):
+        parameters = AddGrainParameters(method="plain", seed=seed)
+        after = read_gaussians(run_stage(add_grain, parameters, given | inputs, tmp_path / name)["container"])
+        own, others = ((inputs.get("key"), seed), (None, 2))
+        coins = thrown(len(before), key_generator(*own))
+        assert follows(before, after, coins)
+        assert not follows(before, after, thrown(len(before), key_generator(*others)))
+        change = coins[:, None] * (after["sh_base"].double() - before["sh_base"].double()).numpy()
+        noise = coins[:, None] * (change - change.mean(axis=0))
+        for source, is_own in ((own, True), (others, False), ((None, 0), name == "first")):
+            expected = generator_apart(source[0], "dither", source[1]).uniform(size=noise.shape)
+            assert (abs(np.corrcoef(noise.ravel(), expected.ravel())[0, 1]) > 0.9) == is_own
+
+
+def test_what_is_sealed_or_of_another_method_gets_no_grain(tmp_path: Path) -> None:
+    given = hidden(tmp_path, "homogeneous")
+    pair = {name: given[name] for name in ("container", "secret", "key")}
+    sealed = run_stage(seal, SealParameters(method="homogeneous"), pair, tmp_path / "sealed")
+    with pytest.raises(UserError, match="add_grain was given a sealed container"):
+        run_stage(add_grain, AddGrainParameters(method="homogeneous"), given | sealed, tmp_path / "grain")
+    with pytest.raises(UserError, match="by another method"):
+        run_stage(add_grain, AddGrainParameters(method="gs_hider"), given, tmp_path / "other")

@@ -16,12 +16,16 @@ from pipeline.stage import run_stage
 from stages.export_container import ExportContainerParameters, export_container
 from stages.export_splats import ExportSplatsParameters, export_splats
 from stages.hide_scenes import HideScenesParameters, hide_scenes
+from stages.hiding.bundle import CAMERAS
+from stages.hiding.camera_reading import read_cameras_file
 from stages.hiding.method import build_method
 from stages.hiding.rendering import COVER
 from stages.hiding.storage import read_gaussians, read_method, write_container, write_secret
 from stages.import_container import ImportContainerParameters, import_container
+from stages.scene.camera_path import camera_path
 from stages.scene.cameras import Camera
 from stages.scene.gaussians import Gaussians, gaussians_at
+from stages.scene.scene import read_scene
 from stages.train_scene import TrainSceneParameters, train_scene
 from tests.stages import small
 
@@ -172,6 +176,18 @@ def test_a_ply_alone_is_a_container_where_there_are_no_networks(tmp_path: Path) 
     ply = exported(tmp_path / "coupled", container)["bundle"].path / "container.ply"
     with pytest.raises(UserError, match=r"the weights of scene_decoder are missing.* Give the folder of the bundle"):
         imported(tmp_path / "coupled", "gs_hider", ply)
+
+
+def test_the_published_path_is_along_the_training_cameras(tmp_path: Path) -> None:
+    container, _ = stored(tmp_path, "plain")
+    cover = small.scene(tmp_path / "cover", test_views=3)
+    chosen, inputs = ExportContainerParameters(frames=5, bends=4), {"container": container, "cover": cover}
+    bundle = run_stage(export_container, chosen, inputs, tmp_path / "exported")["bundle"]
+    scene = read_scene(cover)
+    path = read_cameras_file(bundle.path, CAMERAS)
+    assert path is not None
+    expected = camera_path(scene.cameras.select(scene.cameras.names[3:]), scene.points, 5, 4)
+    np.testing.assert_array_equal(path.world_to_camera, expected.world_to_camera)
 
 
 def test_a_private_container_is_not_published(tmp_path: Path) -> None:

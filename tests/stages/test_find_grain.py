@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pipeline.artifact import Artifact, create, load
-from pipeline.errors import Interrupted
+from pipeline.errors import Interrupted, UserError
 from pipeline.stage import Services, run_stage
 from stages.add_grain import AddGrainParameters, add_grain
 from stages.analysis.measurements import read_measurements
@@ -94,6 +94,7 @@ def found(folder: Path, attempt: str, pictures: Artifact, asking: Asking | None 
     (folder / attempt / ".scratch").symlink_to(folder / "scratch")
     inputs, services = {**given, "pictures": pictures}, (asking or Asking()).services()
     made = run_stage(find_grain, FindGrainParameters(), inputs, folder / attempt, services=services)
+    assert made["scores"].private, "even if no input is"
     return {row.view: row.value for row in read_measurements(made["scores"]) if row.quantity == SCORE}
 
 
@@ -113,3 +114,10 @@ def test_what_is_kept_of_a_picture_is_of_its_bytes_and_not_of_its_name(tmp_path:
     changed = suspects(tmp_path / "changed", {"a.png": 7, "b.png": 2, "c.png": 2})
     assert found(tmp_path, "again", changed) == {"a.png": 11, "b.png": 6, "c.png": 6}
     assert reader.looks == 3, "a.png twice, and b.png once with its copy"
+
+
+def test_a_container_of_another_method_than_declared_is_refused(tmp_path: Path) -> None:
+    given = {"before": small.splats(tmp_path / "before"), "cover": small.scene(tmp_path / "cover")}
+    pictures = suspects(tmp_path / "pictures", {"a.png": 1})
+    with pytest.raises(UserError, match="by another method"):
+        run_stage(find_grain, FindGrainParameters(method="sh"), given | {"pictures": pictures}, tmp_path / "found")

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from pipeline.artifact import Artifact, create, load
-from pipeline.errors import UserError
+from pipeline.errors import Interrupted, UserError
 from pipeline.stage import Services, run_stage
 from stages.analysis.attacks.features import channel_permutation
 from stages.analysis.comparisons import read_comparisons
@@ -19,6 +19,7 @@ from stages.imaging.metric_table import read_rows
 from stages.reveal import RevealParameters, reveal
 from tests.stages import small
 from tests.stages.analysis.attacks.containers import MESSAGE, METHODS, target_and_owner
+from tests.stages.test_stopping import Asking
 
 
 def inputs_of(folder: Path, method: str, messages: tuple[str, ...] = (MESSAGE,)) -> dict[str, Artifact]:
@@ -76,3 +77,16 @@ def test_a_secret_of_no_message_is_told(tmp_path: Path) -> None:
     inputs = inputs_of(tmp_path, "homogeneous", messages=())
     with pytest.raises(UserError, match=r"there is no message to reveal.*a secret without messages"):
         revealed(tmp_path / "outputs", "homogeneous", inputs)
+
+
+def test_a_published_container_of_another_method_is_refused(tmp_path: Path) -> None:
+    inputs, others = (inputs_of(tmp_path / method, method) for method in ("homogeneous", "gs_hider"))
+    with pytest.raises(UserError, match="by another method"):
+        revealed(tmp_path / "outputs", "homogeneous", inputs | {"published": others["published"]})
+
+
+def test_it_stops_when_it_is_asked_to(tmp_path: Path) -> None:
+    inputs, asking = inputs_of(tmp_path, "homogeneous"), Asking(stop_at=2)
+    with pytest.raises(Interrupted):
+        run_stage(reveal, RevealParameters(method="homogeneous"), inputs, tmp_path / "out", services=asking.services())
+    assert len(asking.figures) == asking.looks == 2

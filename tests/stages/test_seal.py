@@ -22,13 +22,16 @@ from stages.export_container import ExportContainerParameters, export_container
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.hiding.coupled import FEATURES
 from stages.hiding.expected import FACTS
+from stages.hiding.image_view import IMAGE_VIEW
 from stages.hiding.method import build_method
-from stages.hiding.opening import _seal_of, open_container, opener, read_container, refuse_sealed
+from stages.hiding.opening import _seal_of, open_container, opener, read_container, refuse_sealed, rows_of
 from stages.hiding.sealing import SEAL, SIGNS
-from stages.hiding.storage import read_gaussians, read_method, write_container
+from stages.hiding.storage import read_gaussians, read_method, write_container, write_secret
+from stages.imaging.metric_table import read_rows
 from stages.import_container import ImportContainerParameters, import_container
 from stages.probe_secrecy import ProbeSecrecyParameters, probe_secrecy
 from stages.render_path import render_path
+from stages.reveal import RevealParameters, reveal
 from stages.scene import moved_splats
 from stages.scene.gaussians import Gaussians
 from stages.seal import SealParameters, seal
@@ -90,6 +93,20 @@ def test_a_seal_follows_from_the_key(tmp_path: Path, hidden: Made, closed: Made)
     other = run_stage(draw_key, DrawKeyParameters(seed=4), {}, tmp_path / "key")["key"]
     different = sealed(tmp_path / "other", hidden | {"key": other})
     assert different["secret"].attributes[SEAL] != again["secret"].attributes[SEAL]
+
+
+def test_a_sealed_secret_still_says_which_view_hides_an_image(tmp_path: Path, hidden: Made) -> None:
+    with create(tmp_path / "of an image", "secret", private=True) as writer:
+        method = read_method(hidden["container"], hidden["secret"])
+        write_secret(writer, method, method.messages, "003.png")
+    secret = sealed(tmp_path / "sealed", hidden | {"secret": load(tmp_path / "of an image")})["secret"]
+    assert secret.attributes[IMAGE_VIEW] == "003.png"
+    assert SEAL in secret.attributes
+
+
+def test_a_container_of_another_method_than_declared_is_not_sealed(tmp_path: Path, hidden: Made) -> None:
+    with pytest.raises(UserError, match="by another method"):
+        sealed(tmp_path / "sealed", hidden, "gs_hider")
 
 
 def test_without_the_seal_the_message_can_be_looked_at_and_with_it_it_cannot(
@@ -231,6 +248,15 @@ def test_what_was_pruned_is_opened_by_what_was_published(tmp_path: Path, hidden:
     torch.testing.assert_close(opened[FEATURES].sigmoid(), original[FEATURES].sigmoid()[rows], rtol=0, atol=2e-4)
 
 
+def test_what_was_pruned_is_revealed_beside_what_was_published(tmp_path: Path, hidden: Made, closed: Made) -> None:
+    pruned = kept(tmp_path / "pruned", closed["container"], 0.99)
+    given = {"container": pruned, "published": closed["container"], "secret": closed["secret"]}
+    chosen = RevealParameters(method="homogeneous", threads=1)
+    scores = run_stage(reveal, chosen, given | {"cover": hidden["cover"]}, tmp_path / "revealed")["scores"]
+    of_messages = [row.value for row in read_rows(scores) if row.quantity == "psnr" and row.message is not None]
+    assert min(of_messages) > 30
+
+
 def changed_as(name: str, gaussians: Gaussians) -> Gaussians:
     """All Gaussians as a thief changes them, at hardly any cost to the cover."""
     generator = torch.Generator().manual_seed(0)
@@ -255,6 +281,18 @@ def test_each_gaussian_is_told_whatever_was_done_to_all(name: str, hidden: Made,
     )
     assert len(opened) == len(original)
     torch.testing.assert_close(opened[FEATURES].sigmoid(), original[FEATURES].sigmoid(), rtol=0, atol=2e-4)
+
+
+def test_what_the_scene_decoder_reads_tells_gaussians_whose_places_and_shapes_were_changed(closed: Made) -> None:
+    published, generator = read_gaussians(closed["container"]), torch.Generator().manual_seed(0)
+    sizes = {"means": 0.02 * published.means.std(dim=0), "log_scales": 0.1, "quats": 0.1, "logit_opacities": 0.1}
+    changes = {
+        name: published[name] + size * torch.randn(published[name].shape, generator=generator)
+        for name, size in sizes.items()
+    }
+    seal = _seal_of(closed["secret"], read_method(closed["container"], closed["secret"]), published)
+    rows = rows_of(Gaussians(published.parameters | changes), seal)
+    assert (rows == torch.arange(len(published))).double().mean() > 0.95
 
 
 def test_what_is_not_known_at_all_is_left_as_it_is(closed: Made) -> None:

@@ -67,6 +67,11 @@ def test_shares_that_are_alike_are_one() -> None:
     assert of_distances(shares, torch.zeros(10**4).double()).cover_shares.tolist() == pytest.approx([0.5])
 
 
+def test_the_usual_distance_is_the_median() -> None:
+    expected = of_distances(torch.zeros(3).double(), torch.tensor([1.0, 2.0, 9.0]).double())
+    assert (expected.usual.tolist(), expected.farthest.tolist()) == ([2.0], [9.0])
+
+
 def test_readings_are_means_of_those_nearest() -> None:
     shares = torch.tensor([0.0] * 250 + [0.1] * 250 + [0.9] * 250 + [1.0] * 250).double()
     readings = torch.tensor([1.0, 3.0, 5.0, 9.0]).double().repeat_interleave(250)[:, None]
@@ -98,6 +103,8 @@ def test_they_are_read_back_from_a_file() -> None:
         {"farthest_distances": [1.0, 1.7e308, 1.0]},
         {"expected_readings": [1.0, 1.0, 1.0, -1e300, 1.0, 1.0]},
         {"farthest_distances": [1.0, 0.1, 1.0]},
+        {"farthest_distances": [1.0, 1.1e6, 1.0]},
+        {"expected_readings": [1.0, 1.0, 1.0, -1.1e6, 1.0, 1.0]},
     ],
 )
 def test_whatever_is_none_is_refused(wrong: dict[str, object]) -> None:

@@ -6,18 +6,21 @@ import numpy as np
 import pytest
 import torch
 
+from stages.hiding.coupled import FEATURES
 from stages.hiding.methods import homogeneous
 from stages.hiding.methods.homogeneous import (
     BEYOND_WEIGHT,
     READINGS,
     SHARED_WEIGHT,
     SMALLEST_SHARE,
+    VIEW_CHANNELS,
     Homogeneous,
     HomogeneousDecoder,
 )
 from stages.hiding.mixture import orthonormal_rows
 from stages.hiding.photographs import photographs
 from stages.hiding.rendering import COVER
+from stages.hiding.stored_features import stored
 from stages.scene.cameras import Cameras, single_cameras
 from stages.scene.gaussians import Gaussians, gaussians_at
 
@@ -148,3 +151,42 @@ def test_the_penalty_is_on_what_serves_two_pictures_and_on_what_is_held_beyond_a
 def test_without_a_message_there_is_no_penalty() -> None:
     hider = Homogeneous(8, layers=2, decoder_width=8, precision="float32")
     assert hider.penalty(gaussians_at(np.zeros((1, 3)), {"raw_features": torch.zeros(1, 8)})) is None
+
+
+def test_shares_of_the_cover_are_large_where_only_the_cover_has_a_colour() -> None:
+    """A point without any colour belongs to both pictures by half."""
+    hider = method()
+    colors = {COVER: np.array([[0.6, 0.5, 0.5], [0.5] * 3, [0.5] * 3]), MESSAGE: np.full((3, 3), 0.5)}
+    colors[MESSAGE][1, 2] = 0.4
+    features = hider.initial_attributes(colors, np.random.default_rng(0))
+    shares = hider.cover_shares(gaussians_at(np.zeros((3, 3)), features))
+    torch.testing.assert_close(shares.detach(), torch.tensor([0.98, 0.02, 0.5]), rtol=0, atol=0.01)
+
+
+def test_a_picture_changes_only_with_what_its_decoder_is_said_to_read() -> None:
+    hider = method()
+    gaussians, (view,) = scene(hider, 0.5), single_cameras(camera())
+    noise = 0.05 * torch.randn(len(gaussians), 16, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+
+    @torch.no_grad()
+    def pictures(features: torch.Tensor) -> list[torch.Tensor]:
+        shown = hider.render(Gaussians(gaussians.parameters | {FEATURES: stored(features)}), view).pictures
+        return [shown[name] for name in (COVER, MESSAGE)]
+
+    features = 0.25 + 0.5 * gaussians[FEATURES].double().sigmoid()  # so that nothing exceeds what can be stored
+    before = pictures(features)
+    for number, rows in enumerate((hider.rows_read(), hider.rows_of_messages())):
+        read, _ = torch.linalg.qr(rows.detach().double().T)
+        after = pictures(features + noise - noise @ read @ read.T)
+        torch.testing.assert_close(after[number], before[number], rtol=0, atol=1e-5)
+        assert (after[1 - number] - before[1 - number]).abs().max() > 0.01
+
+
+def test_decoders_see_the_viewing_direction() -> None:
+    hider, (view,) = method(), single_cameras(camera())
+    gaussians = scene(hider, 0.5)
+    with torch.no_grad():
+        before = hider.render(gaussians, view).pictures[COVER]
+        hider.scene_decoder.convolutions.convolutions[0].weight[:, -VIEW_CHANNELS:] += 0.5
+        after = hider.render(gaussians, view).pictures[COVER]
+    assert (after - before).abs().max() > 0.01
