@@ -316,6 +316,14 @@ def test_a_container_that_cannot_be_sealed_is_left_as_it_is(tmp_path: Path) -> N
     assert SEAL not in left["secret"].attributes
 
 
+def test_a_container_that_hides_nothing_is_left_as_it_is(tmp_path: Path, hidden: Made) -> None:
+    with create(tmp_path / "none", "secret", private=True) as writer:
+        write_secret(writer, read_method(hidden["container"]), ())
+    left = sealed(tmp_path / "left", hidden | {"secret": load(tmp_path / "none")})
+    assert left["container"].digest == hidden["container"].digest
+    assert SEAL not in left["secret"].attributes
+
+
 def test_it_is_left_as_it_is_where_no_seal_is_wanted(tmp_path: Path, hidden: Made) -> None:
     left = sealed(tmp_path / "left", hidden, sealed=False)
     assert torch.equal(features(left["container"]), features(hidden["container"]))
