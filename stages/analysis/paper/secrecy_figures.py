@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from stages.analysis.measurements import Measurement
@@ -169,6 +169,14 @@ def best_blind(experiments: Sequence[Experiment]) -> str | None:
     conditions = blind_conditions(experiments)
     scores = {each: figure(experiments, "psnr_coloured", each).mean for each in conditions}
     return max(scores, key=lambda each: scores[each]) if scores else None
+
+
+def on_each_capture(experiments: Sequence[Experiment], figures: Callable[[Sequence[Experiment]], Measured]) -> Measured:
+    """Figures that are taken on each capture by itself, such as that of the reading that is the best one there."""
+    found: dict[str, Spread] = {}
+    for capture in dict.fromkeys(each.capture for each in experiments):
+        found |= figures([each for each in experiments if each.capture == capture]).by_capture
+    return Measured(found)
 
 
 def blind_conditions(experiments: Sequence[Experiment]) -> tuple[str, ...]:

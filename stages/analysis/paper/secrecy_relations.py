@@ -18,6 +18,7 @@ from stages.analysis.paper.secrecy_figures import (
     by_size,
     measured,
     noise_of,
+    on_each_capture,
     shares,
 )
 from stages.analysis.secrecy.conditions import COVER_ITSELF, OPEN, OTHER_START, OWNER, RANDOM, SURROGATE
@@ -48,15 +49,23 @@ def _of_kind(kind: Kind, experiments: Sequence[Experiment]) -> list[Relation]:
         for condition, words in READERS
         if (shown := best_decoder(experiments, condition)).by_capture
     ]
-    blind = best_blind(experiments)
-    if blind is not None:
-        relations.append(_blind_relation(kind, experiments, blind))
+    if best_blind(experiments) is not None:
+        relations.append(_blind_relation(kind, experiments))
     for share in shares(experiments):
         if share > 0:
             text = f"{kind.title}: message over one colour, the best surrogate with {share:.0%} of the views"
-            shown = measured(experiments, "psnr_covered", best_surrogate(experiments, share), share)
+            shown = _best_surrogates(experiments, share)
             relations.append(_over_one_colour(text, shown, experiments, noise_of(shown)))
     return relations
+
+
+def _best_surrogates(experiments: Sequence[Experiment], share: float) -> Measured:
+    """On each capture, the figure of the surrogate that shows most of the message there."""
+
+    def best(own: Sequence[Experiment]) -> Measured:
+        return measured(own, "psnr_covered", best_surrogate(own, share), share)
+
+    return on_each_capture(experiments, best)
 
 
 def _over_one_colour(
@@ -68,9 +77,10 @@ def _over_one_colour(
     )
 
 
-def _blind_relation(kind: Kind, experiments: Sequence[Experiment], blind: str) -> Relation:
-    """The best blind reading compared with the cover itself, both in true colours."""
-    shown, control = (measured(experiments, "psnr_coloured", condition) for condition in (blind, COVER_ITSELF))
+def _blind_relation(kind: Kind, experiments: Sequence[Experiment]) -> Relation:
+    """On each capture, its best blind reading compared with the cover itself, both in true colours."""
+    shown = on_each_capture(experiments, lambda own: measured(own, "psnr_coloured", best_blind(own) or ""))
+    control = measured(experiments, "psnr_coloured", COVER_ITSELF)
     text = f"{kind.title}: message over the cover itself, both in true colours, the best blind reading"
     return OnEachCapture(text, "difference", "at most", MOST_OVER_ONE_COLOUR, shown.minus(control))
 

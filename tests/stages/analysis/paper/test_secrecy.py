@@ -16,8 +16,9 @@ from pipeline.artifact import Artifact, create, load
 from pipeline.stage import Item, run_stage
 from stages.analysis.measurements import KIND, Measurement, write_measurements
 from stages.analysis.paper.runs import Experiment
+from stages.analysis.paper.secrecy_figures import Kind, noise_of
 from stages.analysis.paper.secrecy_figures import measured as measured_of
-from stages.analysis.paper.secrecy_figures import noise_of
+from stages.analysis.paper.secrecy_relations import secrecy_relations
 from stages.analysis.secrecy.conditions import (
     BLIND,
     CHANNEL,
@@ -133,6 +134,7 @@ def test_wrong_decoders_stand_beside_the_owners(made: dict[str, Artifact]) -> No
         "Correlation": "0.300 (n = 3)",
         "With other views": "0.250",
     }
+    assert found["GS-Hider, M = 8", OWN_START, "here"]["Best of them"] == "–", "it is the only one"
     assert found["GS-Hider, M = 8", RANDOM, "paper"]["PSNR (dB)"] == "a picture only"
     assert found["GS-Hider, M = 32", OWNER, "here"]["vs. one colour"] == "+10.00"
 
@@ -179,6 +181,55 @@ def test_noise_of_small_features_is_that_of_surrogates_alone(tmp_path: Path, apa
     found = {names[1]: cells for names, cells in table(markdown(page), "Relations on test views").items()}
     assert found[small]["Average"] == f"+{apart:.2f} dB"
     assert found[small]["Verdict"] == verdict
+
+
+def experiment(capture: str, rows: Sequence[Measurement]) -> Experiment:
+    return Experiment(capture, "gs_hider", "0", tuple(rows), {"feature_dim": 8})
+
+
+def darkened(*conditions: str) -> list[Measurement]:
+    """Measurements in which these readings show 10 dB less of the message."""
+    return [
+        replace(row, value=row.value - 10)
+        if row.quantity in ("psnr_covered", "psnr_coloured") and row.condition in conditions
+        else row
+        for row in rows_of(8, 2.0)
+    ]
+
+
+def test_what_shows_most_on_one_capture_need_not_do_so_on_another() -> None:
+    """On the fox a decoder learns most of the views, on bonsai it fails, and least squares shows one colour."""
+    other = reading(BLIND.format(CHANNELS), 5.0, 0.3, 0.0)
+    fox = experiment("fox", rows_of(8, 6.0) + other)
+    bonsai = experiment("bonsai", darkened(SURROGATE, BLIND.format(IGNORED)) + other)
+    relations = {each.text: each.measured for each in secrecy_relations({Kind("gs_hider", 8.0): [fox, bonsai]})}
+    over = "GS-Hider, M = 8: message over "
+    surrogate = relations[f"{over}one colour, the best surrogate with 20% of the views"]
+    assert [surrogate.on(capture) for capture in ("fox", "bonsai")] == pytest.approx([6, 0])
+    blind = relations[f"{over}the cover itself, both in true colours, the best blind reading"]
+    assert [blind.on(capture) for capture in ("fox", "bonsai")] == pytest.approx([2.5, -4])
+
+
+def test_what_leaks_on_one_capture_leaks_however_little_it_does_on_others() -> None:
+    dark = darkened(SURROGATE, LINEAR, RANDOM, BLIND.format(IGNORED))
+    leaking = [replace(row, value=row.value + 12) if row.condition == RANDOM else row for row in rows_of(8, 6.0)]
+    both = {Kind("gs_hider", 8.0): [experiment("fox", leaking), experiment("bonsai", dark)]}
+    verdicts = {relation.text: relation for relation in secrecy_relations(both)}
+    over = "GS-Hider, M = 8: message over "
+    for reading in (
+        "one colour, the best random decoder",
+        "one colour, the best surrogate with 20% of the views",
+        "the cover itself, both in true colours, the best blind reading",
+    ):
+        assert verdicts[over + reading].value < 1 < verdicts[over + reading].measured.on("fox"), reading
+        assert not verdicts[over + reading].is_found, reading
+
+
+def test_one_colour_has_no_noise() -> None:
+    """With deviations of 0.1 dB, the mean of three surrogates is sure to 0.25 dB; the difference of two to 0.35."""
+    found = secrecy_relations({Kind("gs_hider", 8.0): [experiment("fox", rows_of(8, 0.7))]})
+    [relation] = [relation for relation in found if "the best surrogate with 20%" in relation.text]
+    assert (relation.value, relation.verdict) == (pytest.approx(0.7), "holds")
 
 
 def test_what_is_not_secure_is_said_in_words(made: dict[str, Artifact]) -> None:
@@ -244,6 +295,7 @@ def test_the_noise_of_one_run_does_not_shrink_with_more_captures(tmp_path: Path)
     for count in (1, 4):
         spreads = measured_of(shaken[:count], "psnr_covered", SURROGATE, 0.2)
         assert noise_of(spreads).deviation == pytest.approx(1.155, abs=0.2)
+        assert noise_of(spreads).freedom == 2 * count
 
 
 def test_the_reading_that_is_farthest_beyond_chance_is_told_of(tmp_path: Path) -> None:
@@ -276,6 +328,7 @@ def test_the_feature_map_has_its_controls(made: dict[str, Artifact]) -> None:
     caption = "What the feature map shows as it is, fox, test views: absolute correlations"
     found = table(markdown(made), caption)
     assert found["GS-Hider, M = 8", "channel 1"]["Message"] == "0.325"
+    assert not any("nothing hidden" in name for names in found for name in names), "it stands in a column"
     assert found["GS-Hider, M = 8", BLIND.format(IGNORED)] == {
         "Cover": "–",
         "Message": "0.500",
