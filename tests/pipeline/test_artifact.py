@@ -5,7 +5,9 @@ from __future__ import annotations
 import itertools
 import json
 import stat
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -143,13 +145,27 @@ def test_what_is_foreign_costs_nothing(tmp_path: Path) -> None:
     assert artifact.foreign() == (".DS_Store", "arrays.zarr/link")
 
 
-def test_a_manifest_that_leaves_the_directory_is_refused(tmp_path: Path) -> None:
-    write(tmp_path / "a", np.zeros(3))
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda content: content.update(kind="scene"),
+        lambda content: content.update(private=True),
+        lambda content: content["attributes"].update(count=2),
+        lambda content: content["arrays"]["values"].update(dtype="<i8"),
+        lambda content: content["arrays"]["values"].update(shape=[1, 3]),
+        lambda content: content["files"].update({"notes.txt": {"size": 1, "sha256": "0"}}),
+    ],
+)
+def test_a_manifest_that_was_altered_is_refused(tmp_path: Path, change: Callable[[dict[str, Any]], object]) -> None:
+    """Also of an artifact outside a store, where no folder is named after the digest."""
+    with create(tmp_path / "a", "numbers") as writer:
+        writer.write("values", np.zeros(3))
+        writer.attributes["count"] = 1
     path = tmp_path / "a" / "manifest.json"
     content = json.loads(path.read_text())
-    content["files"]["../../secret"] = {"size": 1, "sha256": "0"}
+    change(content)
     path.write_text(json.dumps(content))
-    with pytest.raises(CorruptArtifact):
+    with pytest.raises(CorruptArtifact, match="does not match the digest that it states"):
         load(tmp_path / "a")
 
 

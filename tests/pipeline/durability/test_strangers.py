@@ -6,6 +6,8 @@ import json
 import os
 import pickle
 from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -183,6 +185,9 @@ def zstandard(data: bytes) -> bytes:
     return bytes(numcodecs.Zstd(level=3, checksum=True).encode(data))
 
 
+UNCHECKED = bytes(numcodecs.Zstd(level=3, checksum=False).encode(np.arange(1000.0).tobytes()))
+
+
 @pytest.mark.parametrize(
     "chunk",
     [
@@ -190,17 +195,44 @@ def zstandard(data: bytes) -> bytes:
         zstandard(np.arange(1000.0).tobytes()) + zstandard(bytes(50_000_000)),
         zstandard(np.arange(1000.0).tobytes()) + b"more",
         zstandard(np.arange(1000.0).tobytes())[:-4],
-        bytes(numcodecs.Zstd(level=3, checksum=False).encode(np.arange(1000.0).tobytes())),
+        UNCHECKED,
+        UNCHECKED + b"four",
         np.arange(1000.0).tobytes(),
         b"\x50\x2a\x4d\x18\x04\x00\x00\x00skip" + zstandard(np.arange(1000.0).tobytes()),
         b"",
         b"\x28\xb5\x2f\xfd",
     ],
-    ids=["bomb", "second frame", "more", "cut", "no checksum", "raw", "skippable", "empty", "head"],
+    ids=[
+        "bomb",
+        "second frame",
+        "more",
+        "cut",
+        "no checksum",
+        "as long as with a checksum",
+        "raw",
+        "skippable",
+        "empty",
+        "head",
+    ],
 )
 def test_chunks_that_unfold_into_something_else(artifact: Path, chunk: bytes) -> None:
     (artifact / CHUNK).write_bytes(chunk)
     seal_again(artifact)
+    refused(artifact)
+
+
+def test_a_chunk_that_says_how_much_memory_it_would_take(artifact: Path) -> None:
+    """A few bytes that claim, as the manifest does, to be more than two gibibytes."""
+    items = 2**28 + 1
+    frame = b"\x28\xb5\x2f\xfd\xe4" + (8 * items).to_bytes(8, "little")
+    one_byte_repeated = (2**17 << 3 | 1 << 1 | 1).to_bytes(3, "little") + b"\0"
+    (artifact / CHUNK).write_bytes(frame + one_byte_repeated + b"sum?")
+
+    def change(content: dict[str, Any]) -> None:
+        content["shape"] = content["chunk_grid"]["configuration"]["chunk_shape"] = [items]
+
+    describe(artifact, change)
+    seal_again(artifact, shape=[items], chunks=[items])
     refused(artifact)
 
 
@@ -224,10 +256,13 @@ def test_missing_and_foreign_chunks(artifact: Path) -> None:
 @pytest.mark.parametrize("name", ["../../x", "/etc/passwd", "a/../../x", "a//b", "a\0b", "..", ""])
 @pytest.mark.parametrize("where", ["files", "arrays"])
 def test_names_that_lead_outside(artifact: Path, where: str, name: str) -> None:
-    content = json.loads((artifact / MANIFEST).read_text())
+    content, manifest = json.loads((artifact / MANIFEST).read_text()), read_manifest(artifact)
     content[where][name] = next(iter(content[where].values()))
+    records = getattr(manifest, where)
+    with suppress(IndexError):  # no digest covers a file without a name
+        content["digest"] = replace(manifest, **{where: {**records, name: next(iter(records.values()))}}).digest
     (artifact / MANIFEST).write_text(json.dumps(content))
-    with pytest.raises(CorruptArtifact):
+    with pytest.raises(CorruptArtifact, match="cannot name part of an artifact"):
         load(artifact)
 
 

@@ -48,6 +48,8 @@ def test_a_zip_of_the_same_layout(tmp_path: Path, private: bool) -> None:
     assert (tmp_path / "a.zip").read_bytes() == (tmp_path / "b.zip").read_bytes()
     assert stat.S_IMODE((tmp_path / "a.zip").stat().st_mode) & 0o77 == (0 if private else 0o44)
     with zipfile.ZipFile(tmp_path / "a.zip") as archive:
+        modes = {entry.external_attr >> 16 for entry in archive.infolist()}
+        assert modes == {0o600 if private else 0o644}, "what unpacks it may set them"
         archive.extractall(tmp_path / "unpacked")
     load(tmp_path / "unpacked").verify()
     assert load(tmp_path / "unpacked").digest == original.digest

@@ -63,6 +63,8 @@ def test_a_git_work_tree_is_public_however_closed(open_folder: Path) -> None:
     (tree / ".git").mkdir(parents=True)
     tree.chmod(0o700)
     assert why_public(tree / "results") == f"it is in the git work tree {tree}"
+    (tree / "deep" / "results").mkdir(parents=True, mode=0o700)
+    assert why_public(tree / "deep" / "results") == f"it is in the git work tree {tree}"
 
 
 def test_dots_count_as_where_they_lead_once_the_folder_before_them_is_there(open_folder: Path) -> None:

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from pipeline.errors import UserError
+from pipeline.errors import CommandError, UserError
 from pipeline.store import garbage
 from pipeline.store.garbage import Rules, collect
 from pipeline.store.pins import Pin, Pins
@@ -206,11 +206,18 @@ def test_pins_keep_results_until_they_are_removed(chain: Workspace) -> None:
 
 
 def test_a_pin_keeps_what_its_results_were_made_from(chain: Workspace) -> None:
-    pinned = chain.run("factor=2")
+    pinned = chain.run("count=2")
     store_of(chain).pins.add("sum", Pin("chain", "now", {"sum": str(pinned.ended["sum"].key)}))
-    chain.run("factor=3")
+    chain.run("count=3")
     collected(chain, keep_last=1)
-    assert is_cached(chain, "factor=2")
+    assert is_cached(chain, "count=2")
+
+
+@pytest.mark.parametrize("name", ["", ".hidden", "../out", "a/b", "a/../../out", "a\n", "a" * 201])
+def test_a_name_that_leads_elsewhere_is_not_given_to_a_pin(tmp_path: Path, name: str) -> None:
+    with pytest.raises(CommandError, match="cannot name a pin"):
+        Pins(tmp_path / "pins").add(name, Pin("chain", "now", {}))
+    assert list(tmp_path.rglob("*")) == []
 
 
 def test_a_pin_that_cannot_be_read_stops_everything(chain: Workspace) -> None:

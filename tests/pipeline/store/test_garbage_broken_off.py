@@ -89,22 +89,25 @@ def test_no_run_may_go_on_meanwhile(chain: Workspace) -> None:
 
 def test_broken_off_at_any_step_the_store_is_valid(chain: Workspace, tmp_path: Path) -> None:
     """Broken off before each step in turn; the next collection does the rest."""
+    rules = {"keep_last": 1, "forgotten": frozenset({"gone"})}
+    chain.write("name: gone\nstages:\n  alone: {uses: numbers, with: {first: 7}}\n").run()
+    chain.write(CHAIN)
     for factor in (2, 3, 4):
         chain.run(f"factor={factor}")
     original = tmp_path / "original"
     shutil.copytree(store_of(chain).root, original, symlinks=True)
-    steps = len(collect(Store(original), Rules(keep_last=1))._steps)
+    steps = len(collect(Store(original), Rules(**rules))._steps)
     assert steps > 8
     for number in range(steps):
         root = store_of(chain).root
         shutil.rmtree(root)
         shutil.copytree(original, root, symlinks=True)
         store = Store(root)
-        for step in collect(store, Rules(keep_last=1))._steps[:number]:
+        for step in collect(store, Rules(**rules))._steps[:number]:
             step()
         assert_sound(store)
         assert is_cached(chain, "factor=4")
-        collected(chain, keep_last=1)
+        collected(chain, **rules)
         assert len(store.actions) == 4
         assert_sound(store)
 

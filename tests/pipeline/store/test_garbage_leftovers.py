@@ -30,7 +30,7 @@ def test_checkpoints_that_may_be_worth_something_stay(chain: Workspace) -> None:
     for key in (done, begun, young, old):
         folder = store.folder("scratch", key)
         (folder / "checkpoint").write_text("half")
-        if key != young:
+        if key in (begun, old):
             for path in (folder / "checkpoint", folder):
                 os.utime(path, (long_ago, long_ago))
     collection = collected(chain)
@@ -115,6 +115,17 @@ def test_what_is_damaged_goes_when_it_was_made_again_or_is_not_needed(chain: Wor
     assert collected(chain).remarks
     assert not list(store.root.glob("damaged/*/*"))
     assert is_cached(chain, "factor=3")
+
+
+def test_what_is_damaged_stays_if_its_record_is_damaged_too(chain: Workspace) -> None:
+    """Nobody can tell what that record needs."""
+    twice = chain.run().ended["twice"]
+    artifact, store = twice.outputs["numbers"], store_of(chain)
+    next(artifact.glob("arrays.zarr/values/c/*")).write_bytes(b"")
+    assert [checked for checked in verify_store(store) if checked.damage]
+    (store.damaged.folder / "actions" / str(twice.key) / "record.json").write_bytes(b"")
+    collected(chain)
+    assert (store.damaged.folder / "objects" / artifact.name).is_dir()
 
 
 def test_leftovers_go(chain: Workspace) -> None:

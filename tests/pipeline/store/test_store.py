@@ -71,6 +71,13 @@ def test_a_damaged_record_is_none(tmp_path: Path, damage: str) -> None:
     assert store.find(KEY) == first
 
 
+def test_work_goes_on_if_somebody_removes_what_is_temporary(tmp_path: Path) -> None:
+    store = Store(tmp_path / "store")
+    store.temporary()
+    shutil.rmtree(store.root / "temporary")
+    store.temporary().write_text("in a new folder")
+
+
 def test_git_passes_over_a_store(workspace: Workspace) -> None:
     """Also a store of an earlier version in a work tree; what a user writes into its .gitignore stays."""
     git = ["git", "-C", str(workspace.folder)]

@@ -91,6 +91,19 @@ def test_the_best_candidate_fills_every_view(cover: str, message: str) -> None:
     assert cells_filled(RIGS[cover], chosen.points(points)) > 0.95
 
 
+def test_at_each_scale_the_turns_that_fill_most_are_tried() -> None:
+    cover, message = arc(np.zeros(3), views=12, degrees=90), RIGS["orbit"]
+    points = cloud(np.zeros(3), count=1000) * [1.0, 0.2, 0.2]
+    rigs = rig_of(cover, NO_POINTS), rig_of(message, points)
+    choices = candidates(cover, message, points)
+    for scale in scales(*rigs)[1:]:  # the plain match has the first
+        tried = [cells_filled(cover, each.points(points)) for each in choices if each.scale == scale]
+        turns = familiar_turns(cover, message, *rigs)
+        every = [cells_filled(cover, placement(*rigs, scale, *turn).points(points)) for turn in turns]
+        assert tried == sorted(every, reverse=True)[: len(tried)]
+        assert min(every) < max(every)
+
+
 def test_a_frontal_message_is_seen_from_its_front() -> None:
     """Nothing was photographed from behind a frontal capture, so no candidate may look from there."""
     message = RIGS["frontal arc, upright"]

@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import pytest
 import torch
 
+from pipeline.errors import UserError
 from stages.hiding.rendering import COVER
 from stages.imaging.ssim import ssim
 from stages.timing.stopwatch import OTHER, Stopwatch, watching
 from stages.training.averaging import Averages
 from stages.training.density_control import DensitySettings
 from stages.training.loop import Training
-from stages.training.objectives import Compared, hiding_terms, picture_loss, total_loss
+from stages.training.objectives import (
+    Compared,
+    FixedView,
+    PictureTerm,
+    cover_term,
+    hiding_terms,
+    picture_loss,
+    total_loss,
+)
 from stages.training.sampling import ViewSampler
 from stages.training.schedules import DensitySchedule
 from tests.stages.training.trainings import MESSAGE, prepared
@@ -125,10 +135,48 @@ def test_schedules_may_end_before_the_training_as_in_the_released_code() -> None
     rates = []
     for iteration in (30_000, 50_000):
         scheduled.step(iteration)
+        assert scheduled.network_optimizer is not None
+        assert scheduled.network_optimizer.param_groups[0]["lr"] == pytest.approx(1e-4)
         rates.append({group["name"]: group["lr"] for group in scheduled.optimizer.adam.param_groups})
     assert rates[0] == rates[1]
     assert rates[1]["raw_features"] == pytest.approx(0.1)
     assert rates[1]["means"] == pytest.approx(3 * 1.6e-6), "in units of the scene"
+
+
+@pytest.mark.parametrize("goes_on", [False, True])
+def test_trained_gaussians_show_all_their_harmonics_from_the_start(goes_on: bool) -> None:
+    training = prepared("plain", 1000)
+    training.settings = replace(training.settings, goes_on=goes_on)
+    before = training.gaussians["sh_rest"].detach().clone()
+    training.step(1)
+    assert torch.equal(training.gaussians["sh_rest"].detach(), before) is not goes_on
+
+
+def test_a_training_that_diverges_ends_at_once() -> None:
+    training = prepared("plain", 10)
+    training.terms = [replace(term, weight=math.inf) for term in training.terms]
+    with pytest.raises(UserError, match="iteration 1: the training has diverged"):
+        training.run(lambda: None)
+
+
+def test_a_fixed_view_is_compared_with_its_own_truth() -> None:
+    training = prepared("sh", 10)
+    camera = training.views.cameras[2]
+    truth = torch.full((camera.height, camera.width, 3), 255, dtype=torch.uint8)
+    fixed = [FixedView(PictureTerm(MESSAGE, 0.5, 0.2), camera, truth)]
+    training = Training(
+        training.gaussians, training.method, training.views, [cover_term(0.2)], training.settings, fixed
+    )
+    with torch.no_grad():
+        picture = training.method.render(training.gaussians, camera, 0.1, [MESSAGE]).pictures[MESSAGE]
+    assert training.step(1)[MESSAGE] == pytest.approx(float((picture.clamp(0, 1) - 1).square().mean()))
+
+
+def test_the_last_refinement_follows_the_gradients_up_to_it() -> None:
+    training = prepared("plain", 10, density=DensitySettings(gradient_threshold=1e-12, maximum_gaussians=60))
+    training.schedule = DensitySchedule(start=0, stop=1, interval=1, opacity_reset_interval=11)
+    training.step(1)
+    assert len(training.gaussians) > 40
 
 
 def test_opacities_are_lowered_when_a_reset_is_due() -> None:

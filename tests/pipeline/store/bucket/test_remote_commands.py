@@ -162,6 +162,7 @@ def test_a_damaged_copy_is_no_damage_of_the_store(chain: Elsewhere) -> None:
 def test_gc_spares_what_is_young(chain: Elsewhere) -> None:
     for factor in (3.0, 4.0):
         chain.run(f"factor={factor}")
+    chain.store()._bucket.delete([min(names(chain, "actions"))])  # its machine has put the artifacts only, so far
     before = [names(chain, folder) for folder in ("actions", "manifests", "files")]
     said = call(chain, "gc", "--keep-last", "1")
     assert "what was stored within the last day" in said
