@@ -30,7 +30,7 @@ def of_attribute(quantity: str, attribute: str) -> str:
 def jensen_shannon(first: Float[np.ndarray, " B"], second: Float[np.ndarray, " B"]) -> float:
     """The Jensen-Shannon divergence of two non-empty histograms in bits: 0 if proportional, 1 if they share no bin.
 
-    >>> jensen_shannon(np.array([1, 0]), np.array([0, 2])), jensen_shannon(np.array([1, 3]), np.array([2, 6]))
+    >>> jensen_shannon(np.array([1.0, 0]), np.array([0.0, 2])), jensen_shannon(np.array([1.0, 3]), np.array([2.0, 6]))
     (1.0, 0.0)
     """
     shares = [counts / counts.sum() for counts in (first, second)]

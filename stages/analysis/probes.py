@@ -31,7 +31,7 @@ def probed(name: str) -> tuple[str, str] | None:
     return (method, probe) if probe in PROBES else None
 
 
-def probes(own: RawFeatures, foreign: RawFeatures | None, seed: int) -> dict[str, RawFeatures]:
+def probes(own: RawFeatures, foreign: Float[Tensor, "K M"] | None, seed: int) -> dict[str, RawFeatures]:
     """Raw features for each probe: the container's own ones, and what replaces them.
 
     `foreign` are those of another container, of at least one Gaussian: each Gaussian takes the features of one drawn at

@@ -77,7 +77,7 @@ class CoupledFeatures(ABC, Generic[DecoderType]):
     @abstractmethod
     def decoded(
         self, decoders: Sequence[DecoderType], rendering: Rendering, camera: Camera
-    ) -> list[Float[Tensor, "H W C"]]:
+    ) -> list[Float[Tensor, "H W _"]]:
         """The outputs of `decoders` for a rendered feature map, with three channels for each picture of a decoder."""
 
     def attribute_shapes(self) -> dict[str, tuple[int, ...]]:

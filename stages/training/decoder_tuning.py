@@ -55,7 +55,7 @@ class DecoderTuning(NetworkTraining):
         self,
         codec: WatermarkCodec,
         watermark: Picture,
-        pictures: Mapping[str, UInt8[np.ndarray, "K H W 3"]],
+        pictures: Mapping[str, UInt8[np.ndarray, "_ H W 3"]],
         settings: TuningSettings,
         others: Sequence[Sequence[Picture]] = (),
     ):

@@ -94,6 +94,7 @@ def test_a_byte_that_was_changed_is_told(tmp_path: Path) -> None:
     assert "altered since it was written" in refused(folder, tmp_path)
 
 
+@pytest.mark.usefixtures("any_arrays")
 @pytest.mark.parametrize(
     ("name", "values", "said"),
     [

@@ -100,5 +100,9 @@ def test_probes_change_what_they_say() -> None:
     assert int(silenced.sum()) == 3
     assert (found["features of another scene"] == 7).all()
     assert torch.equal(found["every Gaussian with the mean feature"][0], own.mean(dim=0))
+
+
+@pytest.mark.usefixtures("any_arrays")
+def test_features_of_other_channels_are_refused() -> None:
     with pytest.raises(ValueError, match="6 and of 5 channels"):
-        probes(own, foreign[:, :5], seed=1)
+        probes(torch.zeros(20, 6), torch.zeros(3, 5), seed=1)

@@ -230,8 +230,8 @@ def test_photos_left_out_for_their_lenses_are_told_where_too_few_are_left(synthe
 
 
 def nothing_placed(folded: tuple[int, ...] = ()) -> Reconstruction:
-    none = np.empty((0, 3))
-    return Reconstruction((), np.empty((0, 4, 4)), np.eye(3), (), (), (), none, none, 0.0, (), folded, (), {}, "")
+    points, colors = np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8)
+    return Reconstruction((), np.empty((0, 4, 4)), np.eye(3), (), (), (), points, colors, 0.0, (), folded, (), {}, "")
 
 
 def distances_to_walls(points: np.ndarray) -> np.ndarray:

@@ -84,7 +84,7 @@ def tree(tmp_path_factory: pytest.TempPathFactory) -> Copied:
 
 @pytest.fixture
 def copied(tree: Copied, monkeypatch: pytest.MonkeyPatch) -> Iterator[Copied]:
-    monkeypatch.setattr(fingerprint, "_folders_of", lambda package: (tree.root / package,))
+    monkeypatch.setattr(fingerprint, "folders_of", lambda package: (tree.root / package,))
     yield tree
     tree.undo_edits()
 

@@ -47,7 +47,7 @@ class GSHider(CoupledFeatures[Decoder]):
 
     def decoded(
         self, decoders: Sequence[Decoder], rendering: Rendering, camera: Camera
-    ) -> list[Float[Tensor, "H W C"]]:
+    ) -> list[Float[Tensor, "H W _"]]:
         """Run the feature map through each decoder (Eq. 5)."""
         return [decode(decoder, rendering.feature_map, self.precision) for decoder in decoders]
 

@@ -56,6 +56,7 @@ def test_columns_of_two_attributes_may_not_have_one_name() -> None:
         columns_of({name: np.zeros((1, 2), np.float32) for name in ("raw_features", "feature")})
 
 
+@pytest.mark.usefixtures("any_arrays")
 @pytest.mark.parametrize(
     "wrong",
     [
