@@ -82,6 +82,11 @@ def test_a_secret_without_a_message_is_refused(tmp_path: Path) -> None:
         run_stage(attack, AttackParameters(method="gs_hider"), inputs(tmp_path, "gs_hider", 0), tmp_path / "attacked")
 
 
+def test_a_container_of_another_method_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="made by another method"):
+        run_stage(attack, AttackParameters(method="gs_hider"), inputs(tmp_path, "sh"), tmp_path / "attacked")
+
+
 def test_it_stops_when_it_is_asked_to_and_goes_on_with_the_next_attack(tmp_path: Path) -> None:
     parameters = AttackParameters.model_validate({**QUICK, "method": "sh", "attacks": ("quantisation", "stripping")})
     given, asking = inputs(tmp_path, "sh"), Asking(stop_at=SECOND_ATTACK)

@@ -166,6 +166,14 @@ def test_relations_are_computed(everything: dict[str, Artifact]) -> None:
     assert found[longer, "3DGS: gain of 6,000 iterations over 3,000 on the cover"]["Average"] == "+0.15 dB"
     beyond = "Homogeneous GS-Hider above GS-Hider on the cover by the rival's margin, after 6,000 iterations"
     assert beyond in {relation for title, relation in found if title == longer}
+    required = {
+        (hiding, "GS-Hider not far below 3DGS on the cover"): ("at least -1.40 dB", "-1.25 dB"),
+        (hiding, "Homogeneous GS-Hider's bytes over those of GS-Hider"): ("at most 1.00", "0.97"),
+        ("Rendering time", "Homogeneous GS-Hider's time per frame over that of GS-Hider"): ("at most 1.20", "1.05"),
+        (longer, "3DGS: gain of 6,000 iterations over 3,000 on the cover"): ("less than 0.30 dB", "+0.15 dB"),
+        (longer, "GS-Hider: gain of 6,000 iterations over 3,000 on the message"): ("less than 0.10 dB", "+0.12 dB"),
+    }
+    assert {relation: (found[relation]["Required"], found[relation]["Average"]) for relation in required} == required
     holding = sum(line["Verdict"].startswith("holds") for line in found.values())
     assert f"{holding} of {len(found)}" in everything["owner"].file("report.html").read_text()
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
@@ -13,7 +13,7 @@ import torch
 
 from pipeline.artifact import Artifact
 from pipeline.errors import Interrupted, UserError
-from pipeline.stage import run_stage
+from pipeline.stage import Services, run_stage
 from stages.add_grain import AddGrainParameters, add_grain
 from stages.analysis.detection import upper_bound
 from stages.analysis.measurements import Measurement, read_measurements
@@ -59,6 +59,7 @@ from stages.hiding.storage import read_gaussians, read_method
 from stages.hiding.watermark.reading import FOUND_SHARE, owners_reader
 from stages.hiding.watermark.rendering import renders
 from stages.imaging.distortions import DISTORTIONS
+from stages.imaging.image import filling, read_image
 from stages.imaging.pictures import Picture, picture_to_tensor
 from stages.imaging.psnr import psnr
 from stages.scene.scene import read_scene
@@ -75,10 +76,12 @@ def inputs(tmp_path: Path) -> Inputs:
 
 @dataclass(frozen=True)
 class Trial:
-    """What `detect_watermark` tried, with 4 new cameras, and its rows on the cover's fidelity."""
+    """What `detect_watermark` tried, with 4 new cameras and seed 5, and its rows on the cover's fidelity."""
 
+    detector: Detector
     positives: Positives
     negatives: list[Negative]
+    seed: int
     rows: list[Measurement]
 
 
@@ -100,26 +103,63 @@ def given(tmp_path: Path, inputs: Inputs) -> Inputs:
 
 @pytest.fixture
 def trial(tmp_path: Path, given: Inputs, monkeypatch: pytest.MonkeyPatch) -> Trial:
-    tried: list[tuple[Positives, list[Negative]]] = []
+    tried: list[tuple[Detector, Positives, list[Negative], int]] = []
 
     def trial_rows(
-        detector: Detector, positives: Positives, negatives: Iterable[tuple[Negative, Picture]], *others: object
+        detector: Detector,
+        positives: Positives,
+        negatives: Iterable[tuple[Negative, Picture]],
+        seed: int,
+        after_each: Callable[[], None],
     ) -> list[Measurement]:
-        tried.append((positives, [negative for negative, _ in negatives]))
+        tried.append((detector, positives, [negative for negative, _ in negatives], seed))
         return []
 
     monkeypatch.setattr("stages.detect_watermark.trial_rows", trial_rows)
-    parameters = DetectWatermarkParameters(method="plain", renders=4, negatives=8, shipped_photos=())
+    parameters = DetectWatermarkParameters(method="plain", renders=4, negatives=8, shipped_photos=(), seed=5)
     made = run_stage(detect_watermark, parameters, given, tmp_path / "tried")
-    [(positives, negatives)] = tried
-    return Trial(positives, negatives, read_measurements(made["scores"]))
+    [(detector, positives, negatives, seed)] = tried
+    return Trial(detector, positives, negatives, seed, read_measurements(made["scores"]))
 
 
 def test_renders_that_set_the_threshold_are_not_scored(trial: Trial) -> None:
     calibration, others = trial.positives.calibration, trial.positives.others
     assert (len(calibration), len(others)) == (2, 2)
     assert not {each.tobytes() for each in calibration} & {each.tobytes() for each in others}
-    assert all(len(pictures) == len(others) for _, _, pictures in trial.positives.attacked)
+    for _, _, pictures in trial.positives.attacked:
+        for picture, other, used in zip(pictures, others, calibration, strict=True):
+            shown, same, different = map(picture_to_tensor, (picture, other, used))
+            assert psnr(shown, same) > psnr(shown, different), "attacked renders are by the cameras that are scored"
+
+
+def test_distortions_follow_the_seed_and_the_watermark_fills_the_picture(trial: Trial, given: Inputs) -> None:
+    assert trial.seed == 5
+    cameras = read_scene(cast(Artifact, given["cover"])).cameras
+    image = read_image(cast(Artifact, given["watermark"]))[1]
+    np.testing.assert_array_equal(trial.detector.watermark, filling(image, cameras.width, cameras.height))
+    assert cameras.width != cameras.height
+    assert trial.detector.own_share is None
+
+
+@pytest.mark.parametrize(
+    ("port", "what"),
+    [
+        ("other_scenes", "the clean models' scenes and splats"),
+        ("other_splats", "the clean models' scenes and splats"),
+        ("other_photos", "the other captures' photos and splats"),
+    ],
+)
+def test_other_captures_pair_up(tmp_path: Path, given: Inputs, port: str, what: str) -> None:
+    fewer = {**given, port: cast(tuple[Artifact, ...], given[port])[:1]}
+    parameters = DetectWatermarkParameters(method="plain", renders=4, negatives=8, shipped_photos=())
+    with pytest.raises(UserError, match=f"{what} do not pair up"):
+        run_stage(detect_watermark, parameters, fewer, tmp_path / "tried")
+
+
+def test_a_container_of_another_method_is_refused(tmp_path: Path, given: Inputs) -> None:
+    parameters = DetectWatermarkParameters(method="gs_hider", renders=4, negatives=8, shipped_photos=())
+    with pytest.raises(UserError, match="made by another method"):
+        run_stage(detect_watermark, parameters, given, tmp_path / "tried")
 
 
 def test_the_covers_fidelity_before_and_after_is_that_of_these_containers(trial: Trial, given: Inputs) -> None:
@@ -259,6 +299,15 @@ def test_false_positives_at_99_percent_are_those_that_outdo_the_worst_renders() 
     assert values[FALSE_POSITIVES_AT_99, OWN_SCENE] == 0
 
 
+def test_what_explains_nine_tenths_of_the_watermark_counts_however_sure_a_decoder_is_of_its_renders() -> None:
+    picture, fainter = (np.full((6, 8, 3), level, np.uint8) for level in (200, 140))  # the latter explains 0.91
+    detector = Detector(picture_to_tensor, picture)
+    rows = trial_rows(detector, Positives([("0.png", fainter)], [picture], []), [], 0, lambda: None)
+    values = {(row.quantity, row.condition): row.value for row in rows}
+    assert (values[THRESHOLD, CLEAN_CHANNEL], values[DETECTED, CLEAN_CHANNEL]) == (0.9, 1)
+    assert (values[THRESHOLD_AT_99, CLEAN_CHANNEL], values[DETECTED_AT_99, CLEAN_CHANNEL]) == (1, 0)
+
+
 @pytest.mark.parametrize(("own_share", "found"), [(0.75, 1), (0.8, 0), (None, 1)])
 def test_a_threshold_that_is_known_is_kept_whatever_renders_reach(own_share: float | None, found: float) -> None:
     picture = np.full((6, 8, 3), 200, np.uint8)
@@ -315,9 +364,13 @@ def test_photos_of_other_things_are_tried_with_noise_too(
         "before": inputs["container"],
         "photos": watermarks.capture(tmp_path / "photos"),
     }
-    parameters = DetectWatermarkParameters(method="plain", renders=4, negatives=3, shipped_photos=())
+    parameters = DetectWatermarkParameters(method="plain", renders=4, negatives=3, shipped_photos=(), distorted_of=0)
     parameters = parameters.model_copy(update={"shipped_photos": ("coffee.png",)})
-    made = run_stage(detect_watermark, parameters, given, tmp_path / "made")
+    seen: list[tuple[float, float]] = []
+    services = Services(progress=lambda done, total, figures: seen.append((done, total)))
+    made = run_stage(detect_watermark, parameters, given, tmp_path / "made", services=services)
+    done, total = seen[-1]
+    assert (done, total) == (len(tried), len(tried) + 1), "its own photo has one window in place of two"
     rows = {(row.quantity, row.condition): row.value for row in read_measurements(made["scores"])}
     assert (rows[TRIALS, OTHER_PHOTOS], rows[TRIALS, NOISY_PHOTOS], rows[TRIALS, OTHER_SCENES]) == (3, 3, 3)
     deviations = [float(picture.std()) for picture in tried[-6:]]

@@ -8,6 +8,7 @@ import pytest
 
 from pipeline.stage import Services, run_stage
 from stages import evaluate as stage
+from stages.attack import AttackParameters
 from stages.evaluate import EvaluateParameters, evaluate
 from stages.imaging.lpips import Lpips, networks_for
 from stages.imaging.lpips_weights import Network, weights_file
@@ -35,6 +36,8 @@ def test_as_far_as_installed(
     for network in installed:
         weights_file(network).touch()
     assert EvaluateParameters.model_validate({"lpips": wanted}).lpips == measured
+    assert AttackParameters.model_validate({"lpips": True}).lpips == ("vgg" in installed)
+    assert not AttackParameters.model_validate({"lpips": False}).lpips
 
 
 def test_pictures_that_a_network_is_too_deep_for_are_scored_without_it(

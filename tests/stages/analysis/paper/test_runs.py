@@ -14,6 +14,7 @@ from stages.analysis.paper.chapter import usual
 from stages.analysis.paper.fidelity import fidelity
 from stages.analysis.paper.frame_time import frame_time
 from stages.analysis.paper.no_message import no_message
+from stages.analysis.paper.public import public_study
 from stages.analysis.paper.published import read_published
 from stages.analysis.paper.runs import Columns, Experiment, Study, by_method, method_title, read_study
 from stages.imaging.metric_table import MetricRow
@@ -27,6 +28,15 @@ def read(items: list[Item], timings: list[Item] | None = None) -> Study:
 
 def item(folder: Path, name: str, rows: list, **values: object) -> Item:
     return Item(name, values, f"scores[{name}]", metrics(folder, name, rows))
+
+
+def test_of_private_scores_the_public_study_keeps_what_anyone_can_measure(tmp_path: Path) -> None:
+    rows = scene_rows("fox", "gs_hider", messages=("reef",))
+    study = public_study(read([item(tmp_path, "fox", rows, capture="fox", method="gs_hider")]), names_captures=False)
+    kept = [row for run in study.runs for row in run.rows]
+    assert {row.quantity for row in kept} == {"psnr", "ssim", "lpips_vgg", "lpips_alex", "container_bytes", "gaussians"}
+    assert {row.message for row in kept} == {None}
+    assert {run.messages for run in study.runs} == {()}
 
 
 def test_the_reference_of_several_methods_is_one_run(tmp_path: Path) -> None:
