@@ -64,6 +64,7 @@ def test_recolouring_changes_colours_inside_only(tmp_path: Path) -> None:
     colours = 0.5 + BASE * after["sh_base"]
     np.testing.assert_allclose(colours[inside][:, 1:], 0, atol=1e-6)
     assert (colours[inside][:, 0] > 0).all()
+    np.testing.assert_allclose(after["sh_rest"][inside][..., 1:], 0, atol=1e-6)
     assert torch.equal(after["sh_base"][~inside], before["sh_base"][~inside])
     assert torch.equal(after["sh_rest"][~inside], before["sh_rest"][~inside])
     for name in ("means", "quats", "log_scales", "logit_opacities"):
@@ -95,13 +96,13 @@ def test_coordinates_of_the_rig(tmp_path: Path) -> None:
 
 
 def test_adding_places_a_part_of_other_splats(tmp_path: Path) -> None:
-    """In world coordinates: scaled and turned about the origin, then moved; the higher degree of harmonics is kept."""
+    """In world coordinates: scaled, turned about x and then about z, then moved; the higher degree of harmonics is kept."""
     added = splats(tmp_path / "added", degree=2)
-    add = {"edit": "add", "only": HALF, "scale": 2, "turn": [0, 0, 90], "place": [0, 0, 10], "coordinates": "world"}
+    add = {"edit": "add", "only": HALF, "scale": 2, "turn": [90, 0, 90], "place": [0, 0, 10], "coordinates": "world"}
     before, after, made = edited(tmp_path, [add], added=added)
     source = read_gaussians(added)
     taken = source.means[source.means[:, 0] >= 0]
-    expected = torch.stack([-2 * taken[:, 1], 2 * taken[:, 0], 2 * taken[:, 2] + 10], dim=1)
+    expected = torch.stack([2 * taken[:, 2], 2 * taken[:, 0], 2 * taken[:, 1] + 10], dim=1)
     new = after.means[after.means[:, 2] > 5]
     assert len(new) == len(expected) == len(after) - 60
     order, wanted = (np.lexsort(each.numpy().round(4).T) for each in (new, expected))

@@ -140,6 +140,13 @@ def test_every_way_of_importing_counts(package: Package, tmp_path: Path, imports
     assert run(package, tmp_path) == "ran"
 
 
+def test_code_that_is_edited_before_the_stage_loads_it_fails_the_stage(package: Package, tmp_path: Path) -> None:
+    """Its result would be that of other code than its key says."""
+    text = "pathlib.Path(__file__).parent.joinpath('lib', 'other.py').write_text('SIZE = 30')"
+    package.write_stage(imports="import pathlib", body=f"{text}; from {{package}}.lib import other")
+    assert [run(package, tmp_path), run(package, tmp_path)] == ["failed", "ran"]
+
+
 def test_version_and_resources_count(package: Package, tmp_path: Path) -> None:
     package.write("lib/low.py", 'RESOURCES = ("kernels/*.cl",)\nSIZE = 1\n')
     package.write("lib/kernels/blend.cl", "float x;")
@@ -203,7 +210,14 @@ def test_what_the_projects_own_package_holds_counts_for_stages_of_another(packag
 
 
 @pytest.mark.parametrize(
-    "body", [DYNAMIC, DYNAMIC.replace("importlib.import_module(", "load = importlib.import_module; load(")]
+    "body",
+    [
+        DYNAMIC,
+        DYNAMIC.replace("importlib.import_module(", "load = importlib.import_module; load("),
+        DYNAMIC.replace(
+            "import importlib; importlib.import_module(", "from importlib import import_module as load; load("
+        ),
+    ],
 )
 def test_hidden_imports_are_errors(package: Package, tmp_path: Path, body: str) -> None:
     package.write_stage(body=body)

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from pipeline.cli import app
 from pipeline.errors import CommandError
+from pipeline.plan.accept import still_to_accept
 from pipeline.plan.explanation import explain, in_words
 from tests.pipeline.helpers import Workspace
 from tests.pipeline.model import StageNode
@@ -75,6 +76,19 @@ def test_a_cosmetic_change(session: Session) -> None:
     assert words(session, "s1")[-1].endswith(f"although: code changed: {module} (UNUSED_0 added)")
     status, said = call(session, "accept", "s1")
     assert (status, said) == (0, "s1: cached; there is nothing to accept\n")
+
+
+def test_what_a_run_is_doing_is_not_to_be_accepted(session: Session) -> None:
+    """Accepting it would not stop that run."""
+    ran(session)
+    session.world.code["transform"].unused += 1
+    prepare(session)
+    project = session.workspace.open()
+    key = session.workspace.plan()["s1"].key
+    assert key is not None
+    with project.store.lock(key):
+        assert still_to_accept(project.graph, project.store) == []
+    assert still_to_accept(project.graph, project.store) == ["s1"]
 
 
 def test_what_is_made_from_it_says_so(session: Session) -> None:

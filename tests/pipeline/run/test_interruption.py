@@ -7,9 +7,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from pipeline.run.executor import SerialExecutor
+from pipeline.run.executor import SerialExecutor, Tell
 from pipeline.run.interruption import STOPPING, interruptible
-from tests.pipeline.helpers import Workspace
+from tests.pipeline.helpers import CHAIN, Workspace
 
 
 @pytest.fixture(autouse=True)
@@ -33,6 +33,36 @@ def test_only_ctrl_c_asks_again(first: signal.Signals) -> None:
         assert len(asked) == 1
         signal.raise_signal(signal.SIGINT)
         assert len(asked) == 2
+
+
+class Interrupted(SerialExecutor):
+    """Gets a Ctrl-C whenever it waits, and then goes on with its work, or never ends it (`stubborn`)."""
+
+    def __init__(self, stubborn: bool) -> None:
+        super().__init__()
+        self.stubborn, self.times = stubborn, 0
+
+    def wait(self, tell: Tell, seconds: float) -> tuple[str, object] | None:
+        self.times += 1
+        assert self.times <= 2, "it should have ended at the second"
+        signal.raise_signal(signal.SIGINT)
+        return None if self.stubborn else super().wait(tell, seconds)
+
+
+def test_the_second_ctrl_c_ends_a_run_at_once(workspace: Workspace) -> None:
+    executor = Interrupted(stubborn=True)
+    with pytest.raises(KeyboardInterrupt):
+        workspace.write("stages:\n  a: {uses: numbers}\n").run(executor=executor)
+    assert executor.times == 2
+
+
+def test_what_an_interrupted_run_did_not_get_to_stays_in_latest(workspace: Workspace) -> None:
+    store = workspace.write(CHAIN).run().project.store
+    before = store.latest_digests()
+    ran = workspace.run("count=4", executor=Interrupted(stubborn=False))
+    assert set(ran.states.values()) == {"skipped"}
+    assert ran.summary.interrupted
+    assert store.latest_digests() == before
 
 
 class Closing(SerialExecutor):

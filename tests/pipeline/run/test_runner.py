@@ -14,6 +14,7 @@ import pytest
 from pipeline.errors import CommandError
 from pipeline.events import StageProgressed, as_json
 from pipeline.resources import Resources
+from pipeline.run.action import Ancestor, read_lineage
 from pipeline.run.executor import SerialExecutor, Tell, Work
 from tests.pipeline.helpers import CHAIN, Workspace
 
@@ -176,8 +177,11 @@ def test_privacy_spreads(workspace: Workspace) -> None:
 
 
 def test_the_private_flag_is_in_the_key(workspace: Workspace) -> None:
-    workspace.write("stages:\n  a: {uses: numbers}\n").run()
+    """And the log of the public run, in which others could look for a reason, goes."""
+    store = workspace.write("stages:\n  a: {uses: numbers}\n").run().project.store
     assert workspace.write("stages:\n  a: {uses: numbers, private: true}\n").run().states == {"a": "ran"}
+    logs = store.root / "logs/workflow"
+    assert [path for path in logs.rglob("*") if path.is_file()] == [logs / "private/a.log"]
 
 
 def test_foreach(workspace: Workspace) -> None:
@@ -229,6 +233,18 @@ def test_lineage_is_the_way_to_the_inputs(workspace: Workspace) -> None:
     ran = workspace.write(CHAIN).run()
     page = ran.artifact("sum", "page").file("report.html").read_text()
     assert page == "<ul><li>base numbers []</li><li>twice scale ['base']</li><li>other scale ['base']</li></ul>"
+
+
+def test_lineage_tells_of_the_machine_but_not_its_name(workspace: Workspace) -> None:
+    """Published pages show it."""
+    ran = workspace.write(CHAIN).run()
+    key = str(ran.ended["base"].key)
+    record = ran.project.store.record(key)
+    assert record is not None
+    assert record.provenance["machine"]["host"]
+    (told,) = read_lineage(ran.project.store, {"base": Ancestor(key, ())})
+    assert "cores" in told.facts
+    assert "host" not in told.facts
 
 
 def test_external_files_count_by_content(workspace: Workspace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

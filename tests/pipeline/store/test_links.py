@@ -76,6 +76,11 @@ def test_nothing_is_written_into_what_a_link_leads_to(workspace: Workspace, home
     assert "a link; expected a folder" in str(ran.ended["twice"].cause)
     with pytest.raises(UserError, match="a link; expected a folder"):
         store.set_record_aside(next(iter(store.actions)))
+    (store.root / "damaged").unlink()
+    (store.root / "damaged").mkdir()
+    (store.root / "damaged/actions").symlink_to(home)
+    with pytest.raises(UserError, match="a link; expected a folder"):
+        store.set_record_aside(next(iter(store.actions)))
     assert listed(home) == before
 
 

@@ -164,6 +164,19 @@ def test_a_sealed_record_of_another_form_is_no_record(workspace: Workspace, chan
     assert damaged(store) == []
 
 
+def test_a_sealed_record_of_other_parts_than_its_key_says(workspace: Workspace) -> None:
+    ran = workspace.write(CHAIN).run()
+    key = str(ran.ended["twice"].key)
+    file = ran.project.store.root / "actions" / key / "record.json"
+    content = json.loads(file.read_text())
+    del content[SEAL]
+    content["parts"]["parameters"]["factor"] = 3.0
+    file.write_text(sealed(content))
+    (found,) = damaged(ran.project.store)
+    assert (found.what, found.name, found.damage) == ("record", key, "its parts do not match its key")
+    assert workspace.run().states["twice"] == "ran"
+
+
 def test_an_output_that_is_gone(workspace: Workspace) -> None:
     ran = workspace.write(CHAIN).run()
     store = ran.project.store

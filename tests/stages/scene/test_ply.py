@@ -175,6 +175,7 @@ def test_a_header_of_one_mebibyte_is_the_longest(tmp_path: Path) -> None:
             "cut off; found 4 bytes after the header",
         ),
         (TEXT.replace(b"float y", b"uchar y") + b"0 1\n2 256", "y of vertex holds numbers that its type does not"),
+        (TEXT.replace(b"float y", b"uchar y") + b"0 1\n2 2.5", "y of vertex holds numbers that its type does not"),
         (TEXT.replace(b"float y", b"char y") + b"0 1\n2 -129", "y of vertex holds numbers that its type does not"),
         (VALID + ROWS[:8] + np.array([np.nan, 0], "<f4").tobytes(), "'x' of row 1 is not finite; found nan"),
         (VALID + ROWS[:8] + np.array([0, -np.inf], "<f4").tobytes(), "'y' of row 1 is not finite; found -inf"),

@@ -17,14 +17,14 @@ def test_the_average_forgets_by_its_decay() -> None:
     for iteration in range(1, 11):
         training.step(iteration)
         averages.add(iteration, training.gaussians, training.method)
-        means = training.gaussians.means.detach().clone()
+        sizes = training.gaussians["log_scales"].detach().clone()
         if iteration == averages.first:
-            expected = means
+            expected = sizes
         elif expected is not None:
-            expected = 0.75 * expected + 0.25 * means
+            expected = 0.75 * expected + 0.25 * sizes
     assert expected is not None
     averages.apply(training.gaussians, training.method)
-    torch.testing.assert_close(training.gaussians.means.detach(), expected)
+    torch.testing.assert_close(training.gaussians["log_scales"].detach(), expected)
     weight = training.method.networks["message_decoder"].state_dict()["0.weight"]
     assert torch.equal(weight, averages.values["networks/message_decoder/0.weight"])
 

@@ -39,7 +39,8 @@ def refined(optimizer: GaussianOptimizer, rendering: Rendering, **settings: floa
 
 
 def test_small_ones_are_cloned_in_place() -> None:
-    gaussians = refined(optimizer_with([0.01, 0.01]), seen_with_gradients([1e-3, 0]))
+    """Small are those of at most a hundredth of the extent."""
+    gaussians = refined(optimizer_with([0.09, 0.01]), seen_with_gradients([1e-3, 0]))
     assert len(gaussians) == 3
     assert torch.equal(gaussians.means[2], gaussians.means[0])
 
@@ -52,6 +53,7 @@ def test_large_ones_are_split_into_two_smaller_ones() -> None:
 
 def test_transparent_ones_go() -> None:
     assert len(refined(optimizer_with([0.01], opacity=0.004), seen_with_gradients([0]))) == 0
+    assert len(refined(optimizer_with([0.01], opacity=0.006), seen_with_gradients([0]))) == 1
 
 
 def test_what_is_large_in_the_world_goes_and_on_the_screen_stays() -> None:
@@ -114,6 +116,15 @@ def test_unseen_views_do_not_dilute_the_gradient() -> None:
     assert len(optimizer.gaussians) == 2
 
 
+def test_views_before_a_refinement_do_not_count_after_it() -> None:
+    optimizer = optimizer_with([0.01])
+    control = DensityControl(DensitySettings(), EXTENT, 1)
+    for gradient, expected in ((1e-4, 1), (2.5e-4, 2)):
+        control.observe(seen_with_gradients([gradient]), 2, 2)
+        control.refine(optimizer, prune_large=False, generator=torch.Generator().manual_seed(0))
+        assert len(optimizer.gaussians) == expected
+
+
 def test_opacity_reset_lowers_only_what_is_higher() -> None:
     optimizer = optimizer_with([0.01, 0.01], opacity=0.5)
     with torch.no_grad():
@@ -133,12 +144,15 @@ def test_the_schedule_at_30000_is_that_of_3dgs() -> None:
     assert schedule.densifies_at(600)
     assert not schedule.densifies_at(500)
     assert schedule.resets_opacity_at(3_000)
+    assert schedule.densifies_at(15_000)
+    assert not schedule.resets_opacity_at(15_000)
 
 
 def test_short_trainings_have_no_opacity_resets() -> None:
     """With a reset every 600 iterations, plain 3DGS lost 0.5 dB on test views of the bonsai."""
     schedule = density_schedule(12_000)
     assert not any(schedule.resets_opacity_at(iteration) for iteration in range(1, 12_001))
+    assert density_schedule(15_000).resets_opacity_at(1_500)
 
 
 def test_the_position_rate_decays_exponentially() -> None:

@@ -81,6 +81,20 @@ def test_overwriting_forgets_the_moments() -> None:
     assert torch.equal(optimizer.gaussians["logit_opacities"].detach(), torch.zeros(5))
 
 
+def test_after_everything_is_replaced_adam_starts_anew() -> None:
+    values = {name: tensor.detach().clone() for name, tensor in stepped_optimizer().gaussians.parameters.items()}
+    stepped, fresh = (
+        stepped_optimizer(),
+        GaussianOptimizer(gaussians_at(torch.zeros(1, 3).numpy(), {"color": torch.zeros(1, 3)}), RATES),
+    )
+    for optimizer in (stepped, fresh):
+        optimizer.replace_all(values)
+        take_step(optimizer)
+        take_step(optimizer)
+    for name, tensor in fresh.gaussians.parameters.items():
+        assert torch.equal(stepped.gaussians[name], tensor)
+
+
 def test_a_parameter_without_a_rate_is_refused() -> None:
     gaussians = gaussians_at(torch.rand(2, 3).numpy(), {"other": torch.zeros(2, 1)})
     with pytest.raises(ValueError, match="other"):

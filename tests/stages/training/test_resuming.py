@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import random
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -211,3 +212,23 @@ def test_the_seconds_of_all_sessions_count(tmp_path: Path) -> None:
     assert 0 < seconds[0] < seconds[1]
     (table,) = (line for line in ended.log if "ms an iteration" in line)
     assert f"mean of {ITERATIONS}" in table
+
+
+def test_the_stopwatch_goes_on_too(tmp_path: Path) -> None:
+    session("plain", tmp_path, stop_after=20)
+    checkpoints = Checkpoints(Context({}, {}, tmp_path, "test", Services()))
+    found = checkpoints.newest()
+    assert found is not None
+    checkpoints.save(State(found.state.arrays, {**found.state.values, "seconds": [["loss", "backward", 1e6]]}))
+    ended = session("plain", tmp_path)
+    assert isinstance(ended, Trained)
+    (table,) = (line for line in ended.log if "ms an iteration" in line)
+    assert re.search(r"\n  loss +(99\.\d|100\.0) % ", table)
+
+
+def test_a_bound_that_limits_growth_is_told_once_in_all_sessions(tmp_path: Path) -> None:
+    log = session("plain", tmp_path, stop_after=35)
+    ended = session("plain", tmp_path)
+    assert isinstance(log, list)
+    assert isinstance(ended, Trained)
+    assert [sum("maximum_gaussians" in line for line in lines) for lines in (log, ended.log)] == [1, 0]

@@ -96,7 +96,7 @@ def test_opacities_of_none_and_all_stay_finite(tmp_path: Path) -> None:
     rows["color"][:, 3] = [0, 255]
     (tmp_path / "a.splat").write_bytes(rows.tobytes())
     opacities = read_splats(tmp_path / "a.splat")[0].opacities
-    assert 0 < opacities[0] < 1 / 255 < 0.99 < opacities[1] < 1
+    assert (255 * opacities).tolist() == pytest.approx([0.25, 254.75])
     table = columns(2, 0) | {"opacity": np.array([-np.inf, np.inf], np.float32)}
     logits = read_splats(write_ply(tmp_path / "a.ply", table))[0]["logit_opacities"]
     assert torch.isfinite(logits).all()
@@ -212,6 +212,7 @@ def test_rotations_of_no_length(tmp_path: Path) -> None:
         (WHOLE.replace(b"uint packed_scale", b"float packed_scale"), "float32"),
         (WHOLE.replace(b"float max_scale_y", b"float max_scule_y"), "chunk lacks the property max_scale_y"),
         (compressed_ply([LEAST] * 300, [LOW + HIGH]), "1 for 300 Gaussians"),
+        (compressed_ply([LEAST], [LOW + HIGH] * 2), "2 for 1 Gaussians"),
         (compressed_ply([LEAST], [LOW + HIGH], harmonics=[[0] * 9] * 2), "2 rows for 1 Gaussians"),
         (compressed_ply([LEAST], [LOW + HIGH], harmonics=[[0] * 10]), "not make up a whole degree"),
         (compressed_ply([LEAST], [[math.nan] * 18]), "NaN"),
