@@ -96,7 +96,7 @@ def test_coordinates_of_the_rig(tmp_path: Path) -> None:
 
 
 def test_adding_places_a_part_of_other_splats(tmp_path: Path) -> None:
-    """In world coordinates: scaled, turned about x and then about z, then moved; the higher degree of harmonics is kept."""
+    """In the world: scaled, turned about x, then about z, then moved; the higher degree of harmonics is kept."""
     added = splats(tmp_path / "added", degree=2)
     add = {"edit": "add", "only": HALF, "scale": 2, "turn": [90, 0, 90], "place": [0, 0, 10], "coordinates": "world"}
     before, after, made = edited(tmp_path, [add], added=added)
