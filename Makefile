@@ -1,5 +1,5 @@
 # make demo   hide two scenes in a third, from pictures to the report
-# make test   lint, types and all tests but the slow ones
+# make test   lint, types and all tests but the slow ones; with CHECK_ARRAYS=1, arrays are checked, too
 # make tables PHOTOS=FOLDER   the paper's tables of quality by the CPU profile, each ending in a page; those of attacks,
 #                             detectors and RTWS, which take longer: TABLES="robustness security rtws"; other values:
 #                             SETTINGS="--set width=400"

@@ -1,4 +1,4 @@
-"""While tests run, arrays are checked against the shapes and types that functions state (jaxtyping's import hook).
+"""With `CHECK_ARRAYS=1`, arrays are checked, while tests run, against what functions state of their shapes and types.
 
 Only arrays: other types are mypy's, and fakes of tests stand in for them. A dimension with a name has one size within a
 call. Type checkers that check everything would also refuse those fakes.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import os
 import types
 import typing
 from collections.abc import Callable, Mapping
@@ -16,6 +17,11 @@ from typing import Any, Union
 from jaxtyping import AbstractArray
 
 CONTAINERS = (Union, types.UnionType, tuple, list, dict, Mapping)
+
+
+def arrays_are_checked() -> bool:
+    """Whether this run of the tests checks them, by jaxtyping's import hook."""
+    return os.environ.get("CHECK_ARRAYS", "0") != "0"
 
 
 def arrays_checked(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -15,7 +15,7 @@ import jaxtyping
 import pytest
 from hypothesis import settings
 
-from tests.array_types import arrays_checked
+from tests.array_types import arrays_are_checked, arrays_checked
 
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.register_profile("search", derandomize=False, deadline=None)
@@ -28,8 +28,9 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 os.environ.setdefault("CUDA_VISIBLE_DEVICES", "")
 
 
-# Before anything imports these two packages.
-jaxtyping.install_import_hook(["opencl", "stages"], f"{arrays_checked.__module__}.{arrays_checked.__name__}")
+# Before anything imports these two packages. It doubles the time of tests that compute.
+if arrays_are_checked():
+    jaxtyping.install_import_hook(["opencl", "stages"], f"{arrays_checked.__module__}.{arrays_checked.__name__}")
 
 
 @pytest.fixture
