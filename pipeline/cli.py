@@ -346,9 +346,8 @@ def _executor_maker(workers: int, scheduler: str | None, resources: Resources, s
             from pipeline.run.executor import SerialExecutor
 
             return SerialExecutor()
-        from pipeline.run.cluster import (
-            DaskExecutor,  # importing dask takes a second, which a cached run should not spend
-        )
+        # Importing dask takes a second, which a cached run should not spend.
+        from pipeline.run.cluster import DaskExecutor
 
         return DaskExecutor(workers, scheduler, resources)
 
