@@ -16,7 +16,9 @@ import pytest
 
 pytest.importorskip("s3fs", reason='stores in a bucket are tested with pip install "gs-hider[dev]"')
 
-from pipeline.errors import CommandError, RemoteError, Unreachable
+import fsspec
+
+from pipeline.errors import CommandError, CorruptArtifact, RemoteError, Unreachable
 from pipeline.plan.plan import make_plan
 from pipeline.store.bucket.bucket import Bucket
 from pipeline.store.opening import open_store
@@ -179,6 +181,18 @@ def test_a_damaged_artifact_is_made_again(remote: Elsewhere, damage: str) -> Non
     assert remote.is_valid()
 
 
+def test_the_manifest_of_another_artifact_is_no_manifest(remote: Elsewhere) -> None:
+    """Whoever can write to the bucket could otherwise exchange results."""
+    ran = remote.write(PAIR).run()
+    base, twice = (ran.ended[name].outputs["numbers"].name for name in ("base", "twice"))
+    bucket = remote.store()._bucket
+    other = bucket.get(f"manifests/{twice}.json")
+    assert other
+    bucket.put(f"manifests/{base}.json", other)
+    with pytest.raises(CorruptArtifact, match=f"the manifest of another artifact, {twice}"):
+        remote.machine("B").store().artifact(base)
+
+
 def test_a_damaged_copy_is_fetched_again(remote: Elsewhere) -> None:
     path = remote.write(PAIR).run().artifact("base").path
     chunk = next(path.glob("arrays.zarr/values/c/*"))
@@ -282,6 +296,18 @@ def test_an_address_holds_no_credentials() -> None:
     with pytest.raises(CommandError, match=r"must not contain credentials") as told:
         open_store(f"s3://reader:{SECRET}@bucket/a")
     assert SECRET not in str(told.value)
+
+
+@pytest.mark.parametrize("access", ["public-read", "public-read-write", "authenticated-read"])
+def test_a_configuration_that_makes_objects_public_is_refused(
+    remote: Elsewhere, monkeypatch: pytest.MonkeyPatch, access: str
+) -> None:
+    forget_connections()
+    with monkeypatch.context() as configured:
+        configured.setitem(fsspec.config.conf, "s3", {"s3_additional_kwargs": {"ACL": access}})
+        with pytest.raises(CommandError, match=f"would make private results public; found ACL '{access}'"):
+            remote.store()._bucket.put("pins/paper.json", b"{}")
+    forget_connections()
 
 
 def test_without_s3fs(remote: Elsewhere, monkeypatch: pytest.MonkeyPatch) -> None:

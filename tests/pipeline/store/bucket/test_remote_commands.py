@@ -163,6 +163,7 @@ def test_gc_spares_what_is_young(chain: Elsewhere) -> None:
     for factor in (3.0, 4.0):
         chain.run(f"factor={factor}")
     chain.store()._bucket.delete([min(names(chain, "actions"))])  # its machine has put the artifacts only, so far
+    chain.store()._bucket.put(f"files/{'f' * 64}/{'e' * 64}", b"12345")  # another that is being put just now
     before = [names(chain, folder) for folder in ("actions", "manifests", "files")]
     said = call(chain, "gc", "--keep-last", "1")
     assert "what was stored within the last day" in said
