@@ -81,6 +81,10 @@ def test_rows_of_several_blocks(tmp_path: Path) -> None:
     write_ply(tmp_path / "table.ply", columns)
     values = read_ply(tmp_path / "table.ply").floats("vertex", ["z", "x"])
     assert same_bits(values, np.stack([columns["z"], columns["x"]], axis=1))
+    columns["x"][140_000] = np.nan
+    write_ply(tmp_path / "table.ply", columns)
+    with pytest.raises(UserError, match="'x' of row 140000 is not finite"):
+        read_ply(tmp_path / "table.ply").floats("vertex", ["z", "x"])
 
 
 @pytest.mark.parametrize(
@@ -166,6 +170,7 @@ def test_a_header_of_one_mebibyte_is_the_longest(tmp_path: Path) -> None:
         (b"ply\nformat binary_little_endian 1.0\nend_header\n", "without the element 'vertex'"),
         (VALID.replace(b"float y", b"float z") + ROWS, "1 of 2 properties .* missing; found no y among x, z"),
         (VALID.replace(b"float y", b"int y") + ROWS, "'y' is of another type; found int; expected float"),
+        (VALID.replace(b"float y", b"double y") + bytes(24), "'y' is of another type; found double; expected float"),
         (VALID + ROWS[:-1], "cut off; found 15 bytes after the header; expected 16 bytes for 2 rows of vertex"),
         (VALID + ROWS + b"\0", "longer than its header says"),
         (TEXT + b"0 1\n2.0", "cut off; found 3 numbers after the header; expected 4 numbers for 2 rows of vertex"),

@@ -217,9 +217,9 @@ def test_total_loss_is_the_cover_plus_lambda_times_every_message() -> None:
     names = [COVER, "a", "b"]
     pictures = {name: torch.rand(12, 12, 3, generator=generator) for name in names}
     truths = {name: torch.rand(12, 12, 3, generator=generator) for name in names}
-    losses = {name: picture_loss(pictures[name], truths[name], 0.2) for name in names}
+    losses = {name: picture_loss(pictures[name], truths[name], 0.2 if name == COVER else 0.4) for name in names}
     expected = losses[COVER] + 0.5 * (losses["a"] + losses["b"])
-    terms = hiding_terms(["a", "b"], 0.5)
+    terms = hiding_terms(["a", "b"], 0.5, ssim_weight_cover=0.2, ssim_weight_message=0.4)
     compared = [Compared(term, pictures[term.picture], truths[term.picture]) for term in terms]
     torch.testing.assert_close(total_loss(compared), expected)
 
