@@ -75,6 +75,20 @@ def test_cover_and_message_of_a_container_with_a_grain_are_read_once_it_is_seale
     assert np.isfinite(list(changes.values())).all()
 
 
+@pytest.mark.parametrize(("knows_the_secret", "changed"), [(True, False), (False, True)])
+def test_the_secret_spares_the_message(tmp_path: Path, knows_the_secret: bool, changed: bool) -> None:
+    """Without it, the grain changes the message of GS-Hider as much as its cover."""
+    given = hidden(tmp_path, "gs_hider")
+    inputs = given if knows_the_secret else {name: made for name, made in given.items() if name != "secret"}
+    parameters = AddGrainParameters(method="gs_hider")
+    container = run_stage(add_grain, parameters, inputs, tmp_path / "grain", private=True)["container"]
+    camera = single_cameras(read_scene(given["cover"]).cameras)[2]
+    read = [read_container(made, given["secret"]) for made in (given["container"], container)]
+    before, after = (one.method.render(one.gaussians, camera).pictures for one in read)
+    cover, message = (float((after[name] - before[name]).square().mean().sqrt()) for name in (COVER, "statue"))
+    assert (message > 0.1 * cover) == changed
+
+
 def test_without_a_grain_its_key_is_unread(tmp_path: Path) -> None:
     """The stage declares so, and at level 0 the choice of the key changes nothing."""
     assert add_grain.unread == {"key": {"level": 0}}

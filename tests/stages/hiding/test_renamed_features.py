@@ -39,6 +39,7 @@ def test_features_of_their_own_names_are_read_whatever_stands_beside_them(tmp_pa
     "columns",
     [
         numbered("c", 0, 1, 2),
+        numbered("c", 0, 1, 2, 3) | {"c4": OTHERS["x"]},
         numbered("c", 0, 1, 2, 3) | numbered("d", 0, 1, 2, 3),
         OTHERS | dict.fromkeys(("red_shift", "blue", "left", "up"), OTHERS["x"]),
     ],

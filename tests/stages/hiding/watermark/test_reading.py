@@ -78,6 +78,15 @@ def test_grain_is_found_by_who_knows_the_coins() -> None:
     assert reader().score(picture) == reader().score(picture)
 
 
+@pytest.mark.parametrize(("contrast", "brightness"), [(0.5, 60), (0.3, 0)])
+def test_brightness_and_contrast_are_fitted_before_the_render_is_subtracted(contrast: float, brightness: int) -> None:
+    """Left as they are, the score falls from 12.9 to below 2."""
+    camera = single_cameras(beside(RIG))[0]
+    changed = np.rint(contrast * marked_render() + brightness).astype(np.uint8)
+    scores = [standard_score(seen, GAUSSIANS, METHOD, camera, throws(SECRET)) for seen in (marked_render(), changed)]
+    assert scores[1] == pytest.approx(scores[0], rel=0.1)
+
+
 @pytest.mark.parametrize(("known", "drowns"), [(SECRET, True), (SECRET + 1, False), (SECRET + 2, False)])
 def test_a_grain_drowns_in_no_decoys_but_its_own(known: int, drowns: bool) -> None:
     """Those who know the source but not the key can add decoys of their own; only the owner's would hide the grain."""
