@@ -75,8 +75,8 @@ class Rows:
     def _named(self, columns: Sequence[str]) -> list[str]:
         """For each row, a short name made from its values in `columns`; rows with equal values share one.
 
-        It depends on nothing else, so a row keeps its name when others are added or removed. Only if a value is a list,
-        a mapping or empty, or if other values have the same label, does the name contain a row number. It is empty if
+        It depends on nothing else, so a row keeps its name when others are added or removed. Only if a value has no
+        label (`_value_label`), or if other values have the same one, does the name contain a row number. It is empty if
         there are no columns.
         """
         identities = self.identities(columns)
@@ -255,21 +255,28 @@ def _report_equal_rows(rows: Rows, problems: Problems) -> None:
 def _label(values: Sequence[Json]) -> str | None:
     """The label of a row, made from its own values; None if they cannot name it."""
     parts = [_value_label(value) for value in values]
-    if None in parts:
+    label = ",".join(part for part in parts if part)
+    if None in parts or (values and not label):
         return None
-    label = ",".join(str(part) for part in parts)
     return label if len(label.encode()) <= LONGEST_NAME else f"{label[:LONGEST_LABEL]}-{digest_of(values)[:8]}"
 
 
 def _value_label(value: Json) -> str | None:
-    """The label of a value, as part of a file name; None for a list, a mapping or an empty text.
+    """The label of a value, as part of a file name; None for an empty text, and for lists and mappings inside others.
 
-    If characters had to be dropped, a few digits of the value's hash are appended.
+    Those by themselves have the labels of what is in them. If characters had to be dropped, a few digits of the value's
+    hash are appended.
 
-    >>> _value_label(0.25), _value_label("photos/fox"), _value_label("my photos/living room"), _value_label([1])
-    ('0.25', 'photos:fox', 'living-room-08323b1d', None)
+    >>> _value_label(0.25), _value_label("photos/fox"), _value_label("my photos/living room")
+    ('0.25', 'photos:fox', 'living-room-08323b1d')
+    >>> _value_label({"levels": 2, "rate": 0.1}), _value_label(["reef", "fox"]), _value_label({}), _value_label([[]])
+    ('levels-2-rate-0.1', 'reef-fox', '', None)
     """
-    if isinstance(value, list | dict) or value == "":
+    if isinstance(value, list | dict):
+        inner = value if isinstance(value, list) else [part for pair in value.items() for part in pair]
+        labels = [None if isinstance(part, list | dict) else _value_label(part) for part in inner]
+        return None if None in labels else "-".join(str(part) for part in labels)
+    if value == "":
         return None
     text = value if isinstance(value, str) else canonical_json(value).decode()
     if PLAIN_LABEL.fullmatch(text) and len(text.encode()) <= LONGEST_LABEL:

@@ -15,12 +15,17 @@ from pipeline.workflow.located import Problems, read_yaml
 from pipeline.workflow.matrix import Rows, expand
 from tests.pipeline.helpers import Workspace
 
-VALUES = st.one_of(
+SCALARS = st.one_of(
     st.none(),
     st.booleans(),
     st.integers(-(10**6), 10**6),
     st.floats(allow_nan=False, allow_infinity=False),
     st.text(st.characters(codec="utf-8", exclude_categories=["Cc", "Cs", "Zl", "Zp"]), max_size=60),
+)
+VALUES = st.one_of(
+    SCALARS,
+    st.lists(SCALARS, max_size=3),
+    st.dictionaries(st.from_regex(r"[a-z]{1,4}", fullmatch=True), SCALARS, max_size=3),
 )
 NAMES = st.lists(st.from_regex(r"[a-z]{1,4}", fullmatch=True), min_size=1, max_size=3, unique=True)
 
@@ -38,10 +43,19 @@ def rows_of(key: str, value: object) -> tuple[Rows | None, list[str]]:
 
 
 @st.composite
-def tables(draw: st.DrawFn) -> tuple[list[str], list[tuple[object, ...]]]:
+def tables(draw: st.DrawFn, values: st.SearchStrategy[object] = VALUES) -> tuple[list[str], list[tuple[object, ...]]]:
     names = draw(NAMES)
-    rows = draw(st.lists(st.tuples(*(VALUES for _ in names)), min_size=1, max_size=6, unique_by=spelled))
+    rows = draw(st.lists(st.tuples(*(values for _ in names)), min_size=1, max_size=6, unique_by=spelled))
     return names, rows
+
+
+def test_rows_are_named_after_what_is_in_lists_and_mappings() -> None:
+    """Such as settings of a method of one's own, which rows of other methods do not have."""
+    own = [{}, {"levels": 2}, {"levels": [2]}, ["reef", "fox"]]
+    rows, _ = rows_of("foreach", [{"cover": "fox", "own": value} for value in own])
+    assert rows is not None
+    assert rows.labels(["cover", "own"]) == ["fox", "fox,levels-2", "#3", "fox,reef-fox"]
+    assert rows.labels(["own"])[:2] == ["#1", "levels-2"]
 
 
 @settings(deadline=None, max_examples=50)
@@ -227,7 +241,7 @@ def test_what_is_wrong_in_a_workflow(workspace: Workspace, stages: str, problem:
 
 
 @settings(deadline=None, max_examples=50)
-@given(tables(), st.data())
+@given(tables(SCALARS), st.data())
 def test_stages_of_the_same_rows_go_row_by_row(
     tmp_path_factory: pytest.TempPathFactory, table: tuple[list[str], list[tuple[object, ...]]], data: st.DataObject
 ) -> None:
