@@ -18,6 +18,7 @@ from pipeline.errors import Place
 from pipeline.store.external import from_home, resolved
 from pipeline.workflow.graph import Graph, Node
 from pipeline.workflow.located import Located, Problems, read_yaml
+from pipeline.workflow.substitution import REFERENCE
 from pipeline.workflow.workflow import Workflow
 
 FOLDER, FILE, PRIVATE = "FOLDER", "FILE", "PRIVATE"
@@ -92,7 +93,12 @@ class _Telling:
         return PRIVATE if self._is_private(value) else value.plain
 
     def _is_private(self, value: Located) -> bool:
-        """Whether a value reaches only private stages, or none although there are some: it may name what they hide."""
+        """Whether a value reaches only private stages, or none although there are some: it may name what they hide.
+
+        A reference such as `${item.seed}` is not a value: what it stands for is looked at where that is given.
+        """
+        if isinstance(value.value, str) and value.value != "$$" and REFERENCE.fullmatch(value.value):
+            return False
         return value.value is not None and self._private.get(value.place, self._is_any_private)
 
 

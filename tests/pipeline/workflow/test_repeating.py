@@ -57,6 +57,10 @@ def test_a_workflow_that_lies_elsewhere_is_said_by_name(workspace: Workspace, mo
     assert said == "python -m pipeline run workflow.yaml --set file=FILE"
 
 
+def test_what_refers_to_a_private_value_is_said_and_the_value_is_not(workspace: Workspace) -> None:
+    assert command(workspace, "key.seed=${count}", "seed=81549") == "--set 'key.seed=${count}' --set seed=PRIVATE"
+
+
 @pytest.mark.parametrize("typed", ["a.txt", "./a.txt", "{folder}/a.txt"])
 def test_paths_are_not_said_however_they_are_typed(workspace: Workspace, typed: str) -> None:
     path = typed.replace("{folder}", str(workspace.folder))
