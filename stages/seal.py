@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import Field
 
+from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.hiding.key import key_apart
+from stages.hiding.method import Method
 from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.sealing import SEAL, SEALED, SIGNS, Seal, Sealable, can_be_sealed, hash_of
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container, write_secret
@@ -18,7 +22,11 @@ class SealParameters(Parameters):
     """The container's method, and whether to seal it."""
 
     method: MethodName = Field("gs_hider", description="The container's method.")
-    sealed: bool = Field(True, description="Whether to seal the container; false leaves it unchanged, for comparisons.")
+    sealed: bool | Literal["where_possible"] = Field(
+        "where_possible",
+        description="Whether to seal the container. true fails if it cannot be sealed; where_possible, the default, "
+        "then leaves it unchanged and says so; false always leaves it unchanged, for comparisons.",
+    )
 
 
 @stage(
@@ -26,21 +34,28 @@ class SealParameters(Parameters):
     outputs={"container": Output("container", privacy="public"), "secret": Output("secret", privacy="private")},
     version=1,
     modules=lambda parameters: [module_of(parameters.method)],
+    remarks="stages.hiding.remarks:left_open",
 )
 def seal(context: Context, parameters: SealParameters) -> None:
     """Encrypt the part of each Gaussian's features that the scene decoder does not read; the secret gets the key.
 
-    The cover does not change. A container that hides nothing is left as it is. So is one whose scene decoder reads all
-    of its features, since it cannot be sealed: one of another method than ours, or of ours with no more channels than
-    the decoder reads.
+    The cover does not change. Nothing can be encrypted if the scene decoder reads all of the features, as with every
+    method but ours, and with ours if it has no more channels than the decoder reads; and nothing needs to be if no
+    message is hidden. `sealed` says what then happens; true raises `UserError`.
     """
     container, secret = context.input("container"), context.input("secret")
     check_method(container, parameters.method)
     gaussians, method = read_gaussians(container), read_method(container, secret)
     facts = {name: value for name, value in secret.attributes.items() if name != MESSAGES}
-    if not method.messages or not parameters.sealed:
-        context.log("left unchanged: " + ("sealed is false" if method.messages else "nothing is hidden in it"))
-    elif isinstance(method, Sealable) and can_be_sealed(method):
+    hindrance = _hindrance(method)
+    if hindrance is not None and parameters.sealed is True:
+        raise UserError(
+            f"this container cannot be sealed: {hindrance}",
+            found=f"method {parameters.method} and sealed: true",
+            expected="a message, and a method whose scene decoder does not read all of its features",
+            remedy="Set sealed: false, so that nothing calls this container sealed.",
+        )
+    if isinstance(method, Sealable) and hindrance is None and parameters.sealed:
         made = Seal.made(gaussians, method, key_apart(context.input("key"), "seal"))
         if made.in_the_clear:
             context.log(
@@ -50,11 +65,15 @@ def seal(context: Context, parameters: SealParameters) -> None:
         facts |= {SEAL: made.key.hex(), SEALED: hash_of(gaussians), SIGNS: made.signs().hex()}
         facts |= made.expected.facts()
     else:
-        context.log(
-            "left unchanged: its scene decoder reads all of its features, so anyone with the container may be able to "
-            "see messages without the secret"
-        )
+        context.log(f"left unchanged: {hindrance or 'sealed is false'}")
     write_container(context.output("container"), gaussians, method)
     write_secret(context.output("secret"), method, strings(secret, MESSAGES))
     context.output("secret").attributes |= facts
-    context.record(sealed=SEAL in facts)
+    context.record(sealed=SEAL in facts, seal_wanted=parameters.sealed is not False)
+
+
+def _hindrance(method: Method) -> str | None:
+    """Why a container of the method cannot be sealed; None if it can be."""
+    if not method.messages:
+        return "nothing is hidden in it"
+    return None if can_be_sealed(method) else "its scene decoder reads all of its features"

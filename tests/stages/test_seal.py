@@ -10,8 +10,9 @@ import pytest
 import torch
 
 from pipeline.artifact import Artifact, create, load
+from pipeline.canonical import Json
 from pipeline.errors import UserError
-from pipeline.stage import run_stage
+from pipeline.stage import Finished, run_stage
 from stages.analysis.attacks.catalogue import UNATTACKED, restored
 from stages.analysis.measurements import read_measurements
 from stages.analysis.secrecy.conditions import APART, BLIND, OWNER
@@ -25,6 +26,7 @@ from stages.hiding.expected import FACTS
 from stages.hiding.image_view import IMAGE_VIEW
 from stages.hiding.method import build_method
 from stages.hiding.opening import _seal_of, open_container, opener, read_container, refuse_sealed, rows_of
+from stages.hiding.remarks import left_open
 from stages.hiding.sealing import SEAL, SIGNS
 from stages.hiding.storage import read_gaussians, read_method, write_container, write_secret
 from stages.imaging.metric_table import read_rows
@@ -305,15 +307,48 @@ def test_what_is_not_known_at_all_is_left_as_it_is(closed: Made) -> None:
         open_container(few, method, closed["secret"], published)
 
 
-def test_a_container_that_cannot_be_sealed_is_left_as_it_is(tmp_path: Path) -> None:
-    cover = scene(tmp_path / "cover")
-    views = dotted_message(tmp_path / "views", cover)
+@pytest.fixture(scope="module")
+def unsealable(tmp_path_factory: pytest.TempPathFactory) -> Made:
+    """A container of GS-Hider, its secret and a key."""
+    folder = tmp_path_factory.mktemp("unsealable")
+    cover = scene(folder / "cover")
+    views = dotted_message(folder / "views", cover)
     chosen = HideScenesParameters.model_validate({**SETTINGS, "method": "gs_hider", "iterations": 1})
-    made = run_stage(hide_scenes, chosen, {"cover": cover, "messages": (views,)}, tmp_path / "made")
-    key = run_stage(draw_key, DrawKeyParameters(seed=3), {}, tmp_path / "key")["key"]
-    left = sealed(tmp_path / "left", made | {"key": key}, "gs_hider")
-    assert torch.equal(features(left["container"]), features(made["container"]))
+    made = run_stage(hide_scenes, chosen, {"cover": cover, "messages": (views,)}, folder / "made")
+    key = run_stage(draw_key, DrawKeyParameters(seed=3), {}, folder / "key")["key"]
+    return {**made, "key": key}
+
+
+def test_a_container_that_cannot_be_sealed_is_left_as_it_is(tmp_path: Path, unsealable: Made) -> None:
+    left = sealed(tmp_path / "left", unsealable, "gs_hider")
+    assert torch.equal(features(left["container"]), features(unsealable["container"]))
     assert SEAL not in left["secret"].attributes
+
+
+def test_nothing_is_called_sealed_that_cannot_be(tmp_path: Path, hidden: Made, unsealable: Made) -> None:
+    with pytest.raises(UserError, match=r"cannot be sealed: its scene decoder reads all.* Set sealed: false"):
+        sealed(tmp_path / "asked for", unsealable, "gs_hider", sealed=True)
+    with create(tmp_path / "none", "secret", private=True) as writer:
+        write_secret(writer, read_method(hidden["container"]), ())
+    with pytest.raises(UserError, match="cannot be sealed: nothing is hidden in it"):
+        sealed(tmp_path / "empty", hidden | {"secret": load(tmp_path / "none")}, sealed=True)
+
+
+def test_whoever_wants_a_seal_hears_that_there_is_none(
+    tmp_path: Path, hidden: Made, unsealable: Made, recorded: dict[str, Json]
+) -> None:
+    def said(name: str, made: Made, method: str, **chosen: bool) -> list[str]:
+        left = sealed(tmp_path / name, made, method, **chosen)
+        return [remark.text for remark in left_open(Finished({}, left, recorded))]
+
+    assert seal.remarks == f"{left_open.__module__}:{left_open.__name__}"
+    (text,) = said("left", unsealable, "gs_hider")
+    assert "without the secret" in text
+    assert said("not wanted", unsealable, "gs_hider", sealed=False) == []
+    assert said("sealed", hidden, "homogeneous") == []
+    with create(tmp_path / "none", "secret", private=True) as writer:
+        write_secret(writer, read_method(hidden["container"]), ())
+    assert said("hides nothing", hidden | {"secret": load(tmp_path / "none")}, "homogeneous") == []
 
 
 def test_a_container_that_hides_nothing_is_left_as_it_is(tmp_path: Path, hidden: Made) -> None:

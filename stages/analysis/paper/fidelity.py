@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-from stages.analysis.page.figures import label
+from stages.analysis.page.figures import MISSING, label
 from stages.analysis.page.material import GS_HIDER, OURS, PLAIN
 from stages.analysis.page.summary import Tile
 from stages.analysis.page.tables import PICTURE_QUANTITIES
@@ -23,6 +23,8 @@ from stages.analysis.paper.chapter import (
 )
 from stages.analysis.paper.fidelity_relations import own_relations, paper_relations
 from stages.analysis.paper.grid import (
+    AVERAGE,
+    DIFFERENCE,
     HERE,
     PAPER,
     Cell,
@@ -47,7 +49,7 @@ from stages.analysis.paper.measuring import (
 )
 from stages.analysis.paper.message_tables import CAPTION, Shown, messages_grid
 from stages.analysis.paper.published import Published, Subject, average, row_of
-from stages.analysis.paper.runs import Run, Study
+from stages.analysis.paper.runs import Run, Study, capture_title
 from stages.analysis.probes import probed
 
 
@@ -97,8 +99,11 @@ def _grid(quantity: str, split: str, runs: Sequence[Run], study: Study, tables: 
             lead = _scene_cells(group, subject == "cover") if scene else []
             lines.append(Line((title, PICTURES[subject], HERE), (*lead, *cells)))
             if tables is not None and title == title_of(method):
-                lines.append(_published_line(quantity, method, subject, captures, tables, scene))
+                foreign = _other_messages(runs, captures, tables) if subject == "message" else {}
+                lines.append(_published_line(quantity, method, subject, captures, tables, scene, foreign))
     notes = [size_note(runs)] if scene else []
+    if scene and tables is not None:
+        notes += _notes_on_messages(_other_messages(runs, captures, tables))
     if split == "test" and any(measure(runs, figure).by_capture for _, figure in figures):
         notes.append(noise_note(noises(runs, study, quantity), quantity, " dB" if quantity == "psnr" else ""))
     return without_empty_columns(
@@ -120,12 +125,41 @@ def _scene_cells(group: Sequence[Run], shown: bool) -> list[Cell]:
     return [figure_cell(quantity, Spread(measure(group, figure).average.mean)) for quantity, figure in figures]
 
 
+def _other_messages(runs: Sequence[Run], captures: Sequence[str], tables: Published) -> dict[str, str]:
+    """By capture, what the paper hides in it, where our runs hide something else."""
+    hidden = {
+        capture: {name for run in runs if run.capture == capture for name in _hidden(run)} for capture in captures
+    }
+    others = {capture: tables.other_message(capture, names) for capture, names in hidden.items() if names}
+    return {capture: other for capture, other in others.items() if other is not None}
+
+
+def _hidden(run: Run) -> tuple[str, ...]:
+    return (run.hidden,) if run.hidden else run.messages
+
+
+def _notes_on_messages(others: Mapping[str, str]) -> list[str]:
+    pairs = " and ".join(f"{other} in {capture_title(capture)}" for capture, other in others.items())
+    return [f"The paper hides {pairs}; its message is another picture there and not compared."] if others else []
+
+
 def _published_line(
-    quantity: str, method: str, subject: Subject, captures: Sequence[str], tables: Published, scene: bool
+    quantity: str,
+    method: str,
+    subject: Subject,
+    captures: Sequence[str],
+    tables: Published,
+    scene: bool,
+    foreign: Mapping[str, str],
 ) -> Line:
+    """The paper's row; captures that are `foreign` have no figure, since the paper's is of another picture."""
     row = row_of(tables, method, subject, quantity)
     reference = row_of(tables, PLAIN, "cover", quantity) if subject == "cover" and method != PLAIN else None
     cells = published_cells(quantity, row, reference, captures, tables)
+    cells = [
+        Cell(MISSING) if capture in foreign else cell
+        for capture, cell in zip((*captures, AVERAGE, DIFFERENCE), cells, strict=True)
+    ]
     lead: list[Cell] = []
     if scene:
         megabytes = tables.fidelity[method].megabytes if method in tables.fidelity and subject == "cover" else None

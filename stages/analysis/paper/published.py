@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -85,6 +85,14 @@ class Published(_Model):
         """A row's figure for a capture; NaN without a row, or if the paper does not have the capture."""
         name = Path(capture).name.casefold()
         return row[self.captures.index(name)] if row is not None and name in self.captures else math.nan
+
+    def other_message(self, capture: str, messages: Iterable[str]) -> str | None:
+        """What the paper hides in a capture if that is none of these messages; None if it is, or without the capture.
+
+        Figures of the paper's message then are of another picture than ours.
+        """
+        hidden = self.messages.get(Path(capture).name.casefold())
+        return None if hidden in {Path(message).name.casefold() for message in messages} else hidden
 
 
 def average(row: Row | None) -> float:

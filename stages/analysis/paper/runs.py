@@ -38,11 +38,12 @@ Settings = tuple[tuple[str, float | str], ...]
 
 @dataclass(frozen=True)
 class Columns:
-    """The item columns that name the capture, the method and the seed."""
+    """The item columns that name the capture, the method, the seed and the scene that is hidden."""
 
     capture: str = "capture"
     method: str = "method"
     seed: str = "seed"
+    message: str = "message"
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,8 @@ class Run:
     `settings` are those that its item states and that are not the usual ones, in the order of `SETTINGS`, and then
     other values that alone distinguish it from another run (`telling`). `other` is everything else that the item
     states, such as the message; runs that differ only in their seed have the same. `stage` names the stage in the
-    workflow that measured it, `digest` is that of the artifact with its rows.
+    workflow that measured it, `digest` is that of the artifact with its rows. `hidden` names the scene that its item
+    says is hidden; empty if the item does not say.
     """
 
     capture: str
@@ -63,6 +65,7 @@ class Run:
     other: tuple[str, ...] = ()
     stage: str = ""
     digest: str = field(default="", repr=False)
+    hidden: str = ""
 
     @property
     def messages(self) -> tuple[str, ...]:
@@ -239,21 +242,28 @@ def _runs_of(item: Item, columns: Columns, usual: Mapping[str, float]) -> list[R
         method = row.method or first
         if method != PLAIN or row.message is None:  # messages of plain 3DGS are only a control
             by_method.setdefault(method, []).append(row)
-    capture, seed = (item.values.get(column) for column in (columns.capture, columns.seed))
+    capture, seed, message = (_text(item, column) for column in (columns.capture, columns.seed, columns.message))
     other = tuple(f"{name}={value}" for name, value in sorted(others(item.values, _known(columns)).items()))
     return [
         Run(
-            "" if capture is None else str(capture),
+            capture,
             method,
             _settings(item, method, _usual_of_pictures(group, usual_settings(method, usual))),
-            "" if seed is None else str(seed),
+            seed,
             tuple(group),
             other if method != PLAIN else (),
             item.stage,
             item.artifact.digest,
+            message if method != PLAIN else "",
         )
         for method, group in by_method.items()
     ]
+
+
+def _text(item: Item, column: str) -> str:
+    """An item's value as text; empty if it states none."""
+    value = item.values.get(column)
+    return "" if value is None else str(value)
 
 
 def _experiments_of(item: Item, columns: Columns, usual: Mapping[str, float]) -> list[Experiment]:
@@ -263,12 +273,12 @@ def _experiments_of(item: Item, columns: Columns, usual: Mapping[str, float]) ->
     by_method: dict[str, list[Measurement]] = {}
     for row in read_measurements(item.artifact):
         by_method.setdefault(row.method or str(item.values.get(columns.method, "")), []).append(row)
-    capture, seed = (item.values.get(column) for column in (columns.capture, columns.seed))
+    capture, seed = _text(item, columns.capture), _text(item, columns.seed)
     return [
         Experiment(
-            "" if capture is None else str(capture),
+            capture,
             method,
-            "" if seed is None else str(seed),
+            seed,
             tuple(rows),
             item.values,
             item.stage,

@@ -1,0 +1,23 @@
+"""Remarks on containers although nothing failed: messages that no seal protects.
+
+The engine calls these functions after a result is made, and shows what they return. The stages they are about do not
+import them, so that rewording a remark does not redo a stage.
+"""
+
+from __future__ import annotations
+
+from pipeline.stage import Finished, Remark
+from stages.scene.attributes import strings
+
+IN_THE_OPEN = (
+    "This container cannot be sealed, because its scene decoder reads all of its features: anyone who knows the method "
+    "may see the messages without the secret. Ours (homogeneous) with more than eight channels can be sealed."
+)
+
+
+def left_open(finished: Finished) -> tuple[Remark, ...]:
+    """A remark on `seal`, if a seal was wanted for messages and the container has none."""
+    was_asked_for = bool(finished.facts.get("seal_wanted"))
+    if finished.facts.get("sealed") or not was_asked_for or not strings(finished.outputs["secret"], "messages"):
+        return ()
+    return (Remark(IN_THE_OPEN),)
