@@ -33,13 +33,16 @@ Table = Literal[
 
 
 class CompareWithPaperParameters(Parameters):
-    """Which tables are made, and which columns of the items name capture, method and seed."""
+    """Which tables are made, and which columns of the items name capture, method, seed and message."""
 
     tables: tuple[Table, ...] = Field(("fidelity",), description="The tables, in order.")
     capture_column: str = Field("capture", description="The column of the items that names the cover's capture.")
     method_column: str = Field("method", description="The column that names the method; if absent, the scores name it.")
     seed_column: str = Field(
         "seed", description="The column of the seed; items that differ only in the seed are pooled."
+    )
+    message_column: str = Field(
+        "message", description="The column that names the hidden scene, which the paper's figures may be of, too."
     )
     public_captures: bool = Field(False, description="Whether the public page names the captures.")
 
@@ -64,7 +67,9 @@ def compare_with_paper(context: Context, parameters: CompareWithPaperParameters)
     Items state what they are about: the capture, the method, the seed, and whichever they vary of `lambda_message`,
     `feature_dim`, `layers`, `decoder_width`, `iterations`, `gaussians` and `sealed`.
     """
-    columns = Columns(parameters.capture_column, parameters.method_column, parameters.seed_column)
+    columns = Columns(
+        parameters.capture_column, parameters.method_column, parameters.seed_column, parameters.message_column
+    )
     timings = context.items("timings")
     paper = read_published()
     study = read_study(context.items("scores"), timings, columns, paper.setup, context.items("experiments"))
