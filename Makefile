@@ -2,7 +2,8 @@
 # make test   lint, types and all tests but the slow ones; with CHECK_ARRAYS=1, arrays are checked, too
 # make tables PHOTOS=FOLDER   the paper's tables of quality by the CPU profile, each ending in a page; those of attacks,
 #                             detectors and RTWS, which take longer: TABLES="robustness security rtws"; other values:
-#                             SETTINGS="--set width=400"
+#                             SETTINGS="--set width=400"; rows of your own: ROWS=FOLDER, where NAME.yaml has those of
+#                             workflow NAME
 # Each makes the virtual environment that it needs.
 
 PYTHON ?= python3
@@ -18,6 +19,7 @@ STORE ?= store
 TEST_REPORT ?= build/tests.html
 TABLES ?= fidelity ablations hide_image several_messages probes
 SETTINGS ?=
+ROWS ?=
 
 .PHONY: demo test tables environment clean
 .DEFAULT_GOAL := demo
@@ -40,8 +42,9 @@ tables: $(INSTALLED)
 	@test -n "$(PHOTOS)" || { echo "make tables PHOTOS=FOLDER: one with the folders fox, bonsai, kitchen, images and splats"; exit 1; }
 	@failed=; for workflow in $(TABLES); do \
 		echo "$$workflow, $$(date +%T)"; \
+		rows=; test -z "$(ROWS)" || test ! -f "$(ROWS)/$$workflow.yaml" || rows="$(ROWS)/$$workflow.yaml"; \
 		$(BIN)/python -m pipeline run workflows/$$workflow.yaml --vars workflows/profiles/cpu.yaml \
-			--set photos="$(PHOTOS)" --store "$(STORE)" $(SETTINGS) \
+			$${rows:+--vars "$$rows"} --set photos="$(PHOTOS)" --store "$(STORE)" $(SETTINGS) \
 			|| { test $$? -lt 128 || exit 1; failed="$$failed $$workflow"; }; \
 	done; test -z "$$failed" || { echo "Not whole:$$failed. The same command goes on."; exit 1; }
 

@@ -42,16 +42,21 @@ def papers_figures(grid: Grid, picture: str) -> dict[str, str]:
 def test_the_papers_figure_is_shown_where_it_hides_the_same_message(tmp_path: Path) -> None:
     grid = first_table(hiding(tmp_path, {**PAPERS_MESSAGES, "bonsai": "my captures/Counter"}))
     figures = papers_figures(grid, "Message")
-    assert figures["bonsai"] != MISSING and figures["kitchen"] != MISSING and figures["fox"] == MISSING
+    assert figures["bonsai"] != MISSING
+    assert figures["kitchen"] != MISSING
+    assert figures["fox"] == MISSING
     assert not [note for note in grid.notes if "another picture" in note]
 
 
 def test_the_papers_figure_of_another_message_is_left_out_and_that_is_said(tmp_path: Path) -> None:
     grid = first_table(hiding(tmp_path, {**PAPERS_MESSAGES, "bonsai": "kitchen"}))
     message, cover = papers_figures(grid, "Message"), papers_figures(grid, "Cover")
-    assert message["bonsai"] == MISSING and message["kitchen"] != MISSING and cover["bonsai"] != MISSING
+    assert message["bonsai"] == MISSING
+    assert message["kitchen"] != MISSING
+    assert cover["bonsai"] != MISSING
     (note,) = [note for note in grid.notes if "another picture" in note]
-    assert "counter in bonsai" in note and "kitchen" not in note
+    assert "counter in bonsai" in note
+    assert "kitchen" not in note
 
 
 @pytest.mark.parametrize(("column", "shown"), [("secret", False), ("message", True)])
@@ -65,4 +70,5 @@ def test_the_message_is_named_by_its_column(tmp_path: Path, column: str, shown: 
 def test_messages_that_no_column_names_have_the_names_they_were_scored_by(tmp_path: Path) -> None:
     """The synthetic rows are of messages that are called what is hidden: the fox in bonsai, and bonsai in kitchen."""
     figures = papers_figures(first_table(hiding(tmp_path, {}, None)), "Message")
-    assert figures["bonsai"] == MISSING and figures["kitchen"] != MISSING
+    assert figures["bonsai"] == MISSING
+    assert figures["kitchen"] != MISSING
