@@ -13,6 +13,7 @@ from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.comparisons import write_comparisons
 from stages.analysis.measurements import write_measurements
 from stages.analysis.secrecy.probing import Probe, SecrecySettings
+from stages.analysis.secrecy.readers import refuse_unreadable
 from stages.analysis.secrecy.surrogate import SurrogateSettings
 from stages.analysis.seeds import DistinctSeeds
 from stages.hiding.method_names import MethodName, module_of
@@ -71,7 +72,8 @@ def probe_secrecy(context: Context, parameters: ProbeSecrecyParameters) -> None:
 
     `clean` is a container of the same method and cover that hides nothing: the control for chance correlations. All
     figures are of test views, which no attacker has seen. A sealed container is opened only for the owner. Raises
-    `UserError` unless the container hides something and there are views of each of its messages.
+    `UserError` unless the container hides something, there are views of each of its messages, and its message decoder
+    can read what others rendered (`refuse_unreadable`).
     """
     torch.set_num_threads(parameters.threads)
     container, secret, clean = context.input("container"), context.input("secret"), context.input_optional("clean")
@@ -90,6 +92,7 @@ def probe_secrecy(context: Context, parameters: ProbeSecrecyParameters) -> None:
         check_method(clean, parameters.method)
     surrogates = SurrogateSettings(parameters.steps, parameters.crop, parameters.rate)
     gaussians, owner = read_gaussians(container), read_method(container, secret)
+    refuse_unreadable(owner)
     probe = Probe(
         gaussians=gaussians,
         unsealed=open_container(gaussians, owner, secret),

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import cast
+
 import numpy as np
 import pytest
 import torch
 
+from pipeline.errors import UserError
 from stages.analysis.secrecy.conditions import OTHER_START, OWN_START, RANDOM
 from stages.analysis.secrecy.readers import (
     MESSAGE_DECODER,
@@ -13,6 +17,7 @@ from stages.analysis.secrecy.readers import (
     attackers_reader,
     pixels_beyond,
     read,
+    refuse_unreadable,
     seeded_reader,
     started_reader,
 )
@@ -124,3 +129,17 @@ def test_a_decoder_of_three_layers_sees_three_pixels_around(method: str, radius:
 def test_several_messages_are_told_apart() -> None:
     shown = read(seeded_reader(public("gs_hider"), 3, 0), OBSERVED[0])
     assert shown.shape == (3, HEIGHT, WIDTH, 3)
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+def test_methods_whose_decoders_can_read_are_not_refused(name: str) -> None:
+    refuse_unreadable(build_method(name, {**SETTINGS[name], "messages": ["reef"]}))
+    refuse_unreadable(public(name))
+
+
+def test_a_method_whose_decoder_reads_something_else_is_refused_with_what_it_lacks() -> None:
+    own = cast(Method, SimpleNamespace(name="mine", networks={MESSAGE_DECODER: torch.nn.Identity()}))
+    with pytest.raises(UserError, match=r"cannot be probed.*CoupledFeatures, or read_off\(picture\)"):
+        refuse_unreadable(own)
+    own.networks = {}
+    refuse_unreadable(own)  # 3DGS+SH has no message decoder
