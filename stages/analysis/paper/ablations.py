@@ -24,7 +24,8 @@ from stages.analysis.paper.measuring import Figure, Measured, cover, measure, me
 from stages.analysis.paper.message_tables import CAPTION, Shown, messages_grid
 from stages.analysis.paper.published import PUBLISHED_AS, Ablated, Published, Subject, Variant
 from stages.analysis.paper.relations import Relation
-from stages.analysis.paper.runs import Run, Study, usual_settings
+from stages.analysis.paper.runs import Run, Study
+from stages.analysis.paper.settings import usual_settings
 
 TITLES: Mapping[Ablated, str] = {"lambda_message": "λ", "feature_dim": "M", "layers": "Layers"}
 COLUMNS: tuple[tuple[Subject, str], ...] = (

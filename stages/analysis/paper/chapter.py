@@ -96,7 +96,7 @@ def noise_note(spreads: Mapping[str, Noise], quantity: str = "psnr", unit: str =
     ]
     if not told:
         return (
-            "The noise was not measured here: no two runs differ only in their seed. Table 1 (fidelity.yaml) has three "
-            "seeds."
+            "The noise was not measured here: no two runs differ only in their seed. To measure it, repeat a row with "
+            "other seeds."
         )
     return f"Standard deviation from one seed to the next: {' and '.join(told)}."

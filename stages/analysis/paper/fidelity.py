@@ -30,11 +30,11 @@ from stages.analysis.paper.grid import (
     Cell,
     Grid,
     Line,
-    figure_cell,
     headings,
     measured_cells,
     published_cells,
     signed,
+    size_cell,
     without_empty_columns,
 )
 from stages.analysis.paper.measuring import (
@@ -96,7 +96,7 @@ def _grid(quantity: str, split: str, runs: Sequence[Run], study: Study, tables: 
             compared = reference if subject == "cover" and method != PLAIN else None
             expected = quantity in LPIPS and any(subject == "cover" or run.messages for run in group)
             cells = measured_cells(quantity, measure(group, figure), compared, captures, expected)
-            lead = _scene_cells(group, subject == "cover") if scene else []
+            lead = _scene_cells(group, captures, subject == "cover") if scene else []
             lines.append(Line((title, PICTURES[subject], HERE), (*lead, *cells)))
             if tables is not None and title == title_of(method):
                 foreign = _other_messages(runs, captures, tables) if subject == "message" else {}
@@ -117,12 +117,12 @@ def _grid(quantity: str, split: str, runs: Sequence[Run], study: Study, tables: 
     )
 
 
-def _scene_cells(group: Sequence[Run], shown: bool) -> list[Cell]:
-    """The average size and number of Gaussians, or empty cells unless `shown`."""
+def _scene_cells(group: Sequence[Run], captures: Sequence[str], shown: bool) -> list[Cell]:
+    """The average size and number of Gaussians, or empty cells unless `shown`; a note says if captures lack them."""
     if not shown:
         return [Cell(""), Cell("")]
     figures: tuple[tuple[str, Figure], ...] = (("container_bytes", size), ("gaussians", cover("gaussians", None)))
-    return [figure_cell(quantity, Spread(measure(group, figure).average.mean)) for quantity, figure in figures]
+    return [size_cell(quantity, measure(group, figure), captures) for quantity, figure in figures]
 
 
 def _other_messages(runs: Sequence[Run], captures: Sequence[str], tables: Published) -> dict[str, str]:

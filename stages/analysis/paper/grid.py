@@ -130,6 +130,11 @@ def average_cell(quantity: str, measured: Measured, captures: Collection[str], n
     return figure_cell(quantity, measured.average, ", ".join(filter(None, (note, some_of(measured, captures)))))
 
 
+def size_cell(quantity: str, measured: Measured, captures: Collection[str]) -> Cell:
+    """The average of what seeds hardly change, without its deviation; the note is that of `average_cell`."""
+    return figure_cell(quantity, Spread(measured.average.mean), some_of(measured, captures))
+
+
 def some_of(measured: Measured, captures: Collection[str]) -> str:
     """The number of captures that a figure is over, if that is not all of them, nor none; else empty.
 

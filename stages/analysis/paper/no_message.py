@@ -30,7 +30,8 @@ from stages.analysis.paper.grid import (
 from stages.analysis.paper.measuring import cover, measure
 from stages.analysis.paper.published import Published, average, published_name
 from stages.analysis.paper.relations import Relation
-from stages.analysis.paper.runs import Run, Study, usual_settings
+from stages.analysis.paper.runs import Run, Study
+from stages.analysis.paper.settings import usual_settings
 
 MOST_LOST_WITHOUT_A_MESSAGE = 0.7
 

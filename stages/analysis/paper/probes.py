@@ -10,7 +10,8 @@ from stages.analysis.paper.grid import HERE, Grid, Line, headings, measured_cell
 from stages.analysis.paper.measuring import Measured, measure, message
 from stages.analysis.paper.published import Published
 from stages.analysis.paper.relations import Relation
-from stages.analysis.paper.runs import Run, Study, settings_title
+from stages.analysis.paper.runs import Run, Study
+from stages.analysis.paper.settings import settings_title
 from stages.analysis.probes import OWN, PROBES, probed
 
 MOST_OVER_ONE_COLOUR = 1.0

@@ -10,30 +10,18 @@ from pathlib import Path
 from pipeline.errors import UserError
 from pipeline.stage import Item
 from stages.analysis.measurements import Measurement, read_measurements
-from stages.analysis.page.material import METHOD_TITLES, OURS, PLAIN
+from stages.analysis.page.material import METHOD_TITLES, PLAIN
+from stages.analysis.paper.settings import (
+    SETTINGS,
+    Settings,
+    number_or_text,
+    settings_title,
+    stated_settings,
+    usual_of_pictures,
+    usual_settings,
+)
 from stages.analysis.paper.telling import Told, others, telling, told
-from stages.analysis.probes import probed
-from stages.hiding.methods.homogeneous import PRESETS, SCENE_PRESETS
 from stages.imaging.metric_table import MetricRow, read_rows
-
-SETTINGS = {
-    "lambda_message": "λ = {}",
-    "feature_dim": "M = {}",
-    "layers": "{} layers",
-    "decoder_width": "decoders {} wide",
-    "iterations": "{} iterations",
-    "gaussians": "at most {} Gaussians",
-    "sealed": "sealed",
-}
-"""Columns of items that distinguish runs of one method, and how the titles of lines show their values."""
-
-SETTINGS_OF_PLAIN = ("iterations", "gaussians")
-"""The settings of plain 3DGS, none of which concerns hiding."""
-
-DECODER_WIDTH = 64.0
-"""The usual width of decoders, in channels; the paper does not state it."""
-
-Settings = tuple[tuple[str, float | str], ...]
 
 
 @dataclass(frozen=True)
@@ -140,9 +128,10 @@ def read_study(
 ) -> Study:
     """The runs and experiments of labelled items; `setup` holds the usual settings, those of the paper.
 
-    The usual bound on Gaussians is the largest that items of the same capture state. A training that was scored several
-    times, such as the plain 3DGS beside every method, counts once. Raises `UserError` if only some items have the
-    column of captures.
+    The usual bound on Gaussians is the largest that items of the same capture state. The usual width of the decoders of
+    a method of one's own, which may have none, is the one that all of its items state. A training that was scored
+    several times, such as the plain 3DGS beside every method, counts once. Raises `UserError` if only some items have
+    the column of captures.
     """
     scores, timings, experiments = tuple(scores), tuple(timings), tuple(experiments)
     items = (*scores, *timings, *experiments)
@@ -153,7 +142,8 @@ def read_study(
     def usual_of(item: Item) -> Mapping[str, float]:
         alike = [each for each in items if each.values.get(columns.capture) == item.values.get(columns.capture)]
         bounds = _stated(alike, "gaussians")
-        return {**usual, **({"gaussians": max(bounds)} if bounds else {})}
+        own = {"decoder_width": width} if (width := _only_width(items, item, columns)) is not None else {}
+        return {**usual, **own, **({"gaussians": max(bounds)} if bounds else {})}
 
     scored = _distinct(run for item in scores for run in _runs_of(item, columns, usual_of(item)))
     timed = _distinct(run for item in timings for run in _runs_of(item, columns, usual_of(item)))
@@ -171,8 +161,16 @@ def read_study(
 
 def _stated(items: Iterable[Item], name: str) -> list[float]:
     """All numbers that items state for a setting."""
-    values = [_value(item.values[name]) for item in items if item.values.get(name) is not None]
+    values = [number_or_text(item.values[name]) for item in items if item.values.get(name) is not None]
     return [value for value in values if isinstance(value, float)]
+
+
+def _only_width(items: Iterable[Item], item: Item, columns: Columns) -> float | None:
+    """The decoders' width that all items of this item's method state, if it is a method of one's own; else None."""
+    method = item.values.get(columns.method)
+    alike = [each for each in items if each.values.get(columns.method) == method]
+    widths = set(_stated(alike, "decoder_width"))
+    return widths.pop() if method not in (None, *METHOD_TITLES) and len(widths) == 1 else None
 
 
 def by_kind(runs: Iterable[Run]) -> dict[tuple[object, ...], tuple[Run, ...]]:
@@ -212,23 +210,9 @@ def method_title(run: Run) -> str:
     return settings_title(run.method, run.settings)
 
 
-def settings_title(method: str, settings: Settings) -> str:
-    """The method's title, followed by the settings."""
-    title = METHOD_TITLES.get(method, method)
-    return ", ".join([title, *(_title_of_setting(name).format(_written(value)) for name, value in settings)])
-
-
-def _title_of_setting(name: str) -> str:
-    return SETTINGS.get(name, f"{name.split('.')[-1].replace('_', ' ')} {{}}")
-
-
 def capture_title(capture: str) -> str:
     """The last component of a capture's name, which may be a path; "Capture" without a name."""
     return Path(capture).name or "Capture"
-
-
-def _written(value: float | str) -> str:
-    return f"{value:,g}" if isinstance(value, float) else str(value)
 
 
 def _runs_of(item: Item, columns: Columns, usual: Mapping[str, float]) -> list[Run]:
@@ -248,7 +232,7 @@ def _runs_of(item: Item, columns: Columns, usual: Mapping[str, float]) -> list[R
         Run(
             capture,
             method,
-            _settings(item, method, _usual_of_pictures(group, usual_settings(method, usual))),
+            stated_settings(item, method, usual_of_pictures(group, usual_settings(method, usual))),
             seed,
             tuple(group),
             other if method != PLAIN else (),
@@ -282,35 +266,10 @@ def _experiments_of(item: Item, columns: Columns, usual: Mapping[str, float]) ->
             tuple(rows),
             item.values,
             item.stage,
-            _settings(item, method, usual_settings(method, usual)),
+            stated_settings(item, method, usual_settings(method, usual)),
         )
         for method, rows in by_method.items()
     ]
-
-
-def usual_settings(method: str, setup: Mapping[str, float]) -> Mapping[str, float]:
-    """The usual settings of a method, or of a probe of it: the paper's, or for our method its own presets."""
-    probe = probed(method)
-    own = {**PRESETS, **SCENE_PRESETS} if (probe[0] if probe else method) == OURS else {}
-    return {**setup, "decoder_width": DECODER_WIDTH, **{name: own[name] for name in SETTINGS if name in own}}
-
-
-def _usual_of_pictures(rows: Sequence[MetricRow], usual: Mapping[str, float]) -> Mapping[str, float]:
-    """The usual settings for these rows: a hidden image has its own λ."""
-    hides_image = any(row.quantity == "hides_image" for row in rows)
-    return {**usual, "lambda_message": usual["lambda_image"]} if hides_image else usual
-
-
-def _settings(item: Item, method: str, usual: Mapping[str, float]) -> Settings:
-    """The settings that the item states and that are not the usual ones, or have no usual value."""
-    names = list(SETTINGS) if method != PLAIN else SETTINGS_OF_PLAIN
-    given = {name: item.values.get(name) for name in names}
-    stated = {name: _value(value) for name, value in given.items() if value is not None and value is not False}
-    return tuple((name, value) for name, value in stated.items() if value != usual.get(name))
-
-
-def _value(value: object) -> float | str:
-    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
 
 
 def _distinct(runs: Iterable[Run]) -> tuple[Run, ...]:

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from stages.analysis.measurements import Measurement
 from stages.analysis.page.material import METHOD_TITLES
 from stages.analysis.paper.measuring import NO_NOISE, Measured, Noise, Spread, spread_of
-from stages.analysis.paper.runs import Experiment, Settings, Study, capture_title, settings_title
+from stages.analysis.paper.runs import Experiment, Study, capture_title
+from stages.analysis.paper.settings import Settings, settings_title
 from stages.analysis.secrecy.conditions import BLIND, NOTHING_HIDDEN, OWNER, SURROGATE, SURROGATES
 from stages.imaging.metric_table import mean_of_known
 

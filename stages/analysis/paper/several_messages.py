@@ -23,22 +23,22 @@ from stages.analysis.paper.grid import (
     Cell,
     Grid,
     Line,
-    figure_cell,
     headings,
     measured_cells,
+    size_cell,
     without_empty_columns,
 )
-from stages.analysis.paper.measuring import Spread, cover, measure, message, size
+from stages.analysis.paper.measuring import cover, measure, message, size
 from stages.analysis.paper.message_tables import CAPTION, Shown, messages_grid
 from stages.analysis.paper.published import Published
 from stages.analysis.paper.runs import Run, Study, by_kind
 
 
 def several_messages(study: Study, tables: Published) -> Chapter:
-    """The chapter of scenes that hide one message and more; for each method, the fewest messages first."""
+    """The chapter of captures that hide one message and more; for each method, the fewest messages first."""
     hiding = study.select(lambda run: bool(run.messages) and not run.hides_image)
-    many = {run.method for run in hiding if len(run.messages) > 1}
-    chosen = [run for run in hiding if run.method in many] + list(study.select(lambda run: run.method == PLAIN))
+    many = {run.capture for run in hiding if len(run.messages) > 1}
+    chosen = [run for run in hiding if run.capture in many] + list(study.select(lambda run: run.method == PLAIN))
     runs = usual(chosen)
     kinds = [
         (method, _title(title, alike), alike)
@@ -72,7 +72,7 @@ def _grid(quantity: str, split: str, kinds: Sequence[Kind], study: Study) -> Gri
             reference = plain if number is None and method != PLAIN else None
             expected = quantity in LPIPS
             cells = measured_cells(quantity, measure(group, figure), reference, study.captures, expected)
-            lines.append(Line((title, picture, HERE), (*_size(group, scene, number is None), *cells)))
+            lines.append(Line((title, picture, HERE), (*_size(group, study.captures, scene, number is None), *cells)))
     notes = ["The paper gives no figures."] if scene else []
     spreads = noises(runs, study, quantity)
     if split == "test" and (scene or any(each.count for each in spreads.values())):
@@ -97,11 +97,11 @@ def _pictures(runs: Sequence[Run]) -> dict[int | None, str]:
     return pictures
 
 
-def _size(runs: Sequence[Run], scene: bool, is_cover: bool) -> list[Cell]:
+def _size(runs: Sequence[Run], captures: Sequence[str], scene: bool, is_cover: bool) -> list[Cell]:
     """For the first table, the average size in the cover's line, and an empty cell in others; else no cell."""
     if not scene:
         return []
-    return [figure_cell("container_bytes", Spread(measure(runs, size).average.mean)) if is_cover else Cell("")]
+    return [size_cell("container_bytes", measure(runs, size), captures) if is_cover else Cell("")]
 
 
 def _messages(kinds: Sequence[Kind]) -> Grid:

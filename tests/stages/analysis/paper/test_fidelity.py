@@ -11,7 +11,7 @@ import pytest
 from pipeline.stage import Item
 from stages.analysis.page.figures import MISSING
 from stages.analysis.paper.fidelity import fidelity
-from stages.analysis.paper.grid import PAPER, Grid
+from stages.analysis.paper.grid import HERE, PAPER, Grid
 from stages.analysis.paper.published import read_published
 from stages.analysis.paper.runs import Columns, read_study
 from tests.stages.analysis.paper import synthetic
@@ -72,3 +72,13 @@ def test_messages_that_no_column_names_have_the_names_they_were_scored_by(tmp_pa
     figures = papers_figures(first_table(hiding(tmp_path, {}, None)), "Message")
     assert figures["bonsai"] == MISSING
     assert figures["kitchen"] != MISSING
+
+
+def test_sizes_that_are_not_of_all_captures_say_so(tmp_path: Path) -> None:
+    """Sizes of different captures cannot be compared."""
+    items = [item for item in hiding(tmp_path, PAPERS_MESSAGES) if item.values["method"] != "gs_hider"]
+    items += [item for item in hiding(tmp_path / "fox", PAPERS_MESSAGES) if item.values["capture"] == "fox"]
+    grid = first_table(iter(items))
+    covers = {line.names[0]: line.cells[:2] for line in grid.lines if line.names[1:] == ("Cover", HERE)}
+    assert {cell.note for cell in covers["GS-Hider"]} == {"on 1 capture"}
+    assert {cell.note for cell in covers["3DGS+SH"]} == {""}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import pytest
 
@@ -56,6 +57,29 @@ def test_fewer_messages_come_first() -> None:
     listed = table(several_messages(Study(tuple(runs)), read_published()), "Several messages, test views: SSIM")
     titles = dict.fromkeys(title for title, _, _ in listed)
     assert list(titles) == ["GS-Hider, 1 message", "GS-Hider, 2 messages", "GS-Hider, 3 messages"]
+
+
+def test_a_method_with_one_message_stands_beside_those_with_several() -> None:
+    """It may have failed with more, and says what one costs; captures that hide one message alone are Table 1's."""
+    several = run("gs_hider", scene_rows("fox", "gs_hider", messages=["reef", "library"]))
+    one = run("homogeneous", scene_rows("fox", "homogeneous", messages=["reef"]))
+    elsewhere = replace(run("sh", scene_rows("kitchen", "sh", messages=["reef"])), capture="kitchen")
+    chapter = several_messages(Study((several, one, elsewhere)), read_published())
+    titles = {title for title, _, _ in table(chapter, "Several messages, test views: SSIM")}
+    assert titles == {"GS-Hider, 2 messages", "Homogeneous GS-Hider, 1 message"}
+    assert not several_messages(Study((one, elsewhere)), read_published()).grids
+
+
+def test_sizes_that_are_not_of_all_captures_say_so() -> None:
+    """Sizes of different captures cannot be compared."""
+    names = ["reef", "library"]
+    ours = [run("homogeneous", scene_rows("fox", "homogeneous", messages=names))]
+    theirs = [run("gs_hider", scene_rows("fox", "gs_hider", messages=names))]
+    theirs.append(replace(run("gs_hider", scene_rows("kitchen", "gs_hider", messages=names)), capture="kitchen"))
+    chapter = several_messages(Study((*ours, *theirs)), read_published())
+    sizes = {line.names[0]: line.cells[0].note for line in chapter.grids[0].lines if line.names[1] == "Cover"}
+    assert sizes == {"Homogeneous GS-Hider, 2 messages": "on 1 capture", "GS-Hider, 2 messages": ""}
+    assert chapter.grids[0].headings[0] == "Size (MB)"
 
 
 def test_a_message_by_itself_has_its_own_legal_views() -> None:

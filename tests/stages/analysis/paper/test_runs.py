@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -282,3 +283,24 @@ def test_legal_views_are_those_of_every_message_and_of_one_seed(tmp_path: Path) 
     [grid] = [grid for grid in fidelity(study, read_published()).grids if "legal views" in grid.caption]
     [line] = [line for line in grid.lines if line.names[0] == "GS-Hider"]
     assert dict(zip(grid.headings, line.cells, strict=True))["Legal views"].text == "3 of 4"
+
+
+def test_titles_have_settings_of_the_method_alone(tmp_path: Path) -> None:
+    """All rows of a table state the same columns; 3DGS+SH has no decoders, and a method of one's own may have none."""
+
+    def titles(**widths: int) -> set[str]:
+        items = [
+            item(tmp_path, f"{name} {len(widths)}", rows_of(name), capture="fox", method=name[:4], decoder_width=width)
+            for name, width in widths.items()
+        ]
+        return {method_title(run) for run in read(items).runs if run.method != "plain"}
+
+    def rows_of(name: str) -> list[MetricRow]:
+        return [replace(row, method="mine") for row in scene_rows("fox", "gs_hider", cover=len(name))]
+
+    assert titles(mine=32) == {"mine"}
+    assert titles(mine=32, mine_wide=96) == {"mine, decoders 32 wide", "mine, decoders 96 wide"}
+    stated = {"capture": "fox", "feature_dim": 32, "layers": 3, "decoder_width": 32}
+    items = [item(tmp_path, name, scene_rows("fox", name), method=name, **stated) for name in ("sh", "decoder")]
+    found = {method_title(run) for run in read(items).runs if run.method != "plain"}
+    assert found == {"3DGS+SH", "3DGS+Decoder, 3 layers, decoders 32 wide"}
