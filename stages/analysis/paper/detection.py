@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from stages.analysis.paper.grid import Cell
 from stages.analysis.paper.measuring import Spread
 from stages.analysis.paper.runs import Experiment
 from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN, PHOTOS
-from stages.analysis.roc import Area, DetectorScores, bootstrap_area, bootstrap_excess, is_upside_down, two_sided
+from stages.analysis.roc import RUNS, Area, DetectorScores, bootstrap_area, bootstrap_excess, is_upside_down, two_sided
 
 UNNOTICED = 0.6
 """A detector with a larger area ranks more than six of ten pairs correctly, and is not called blind."""
@@ -72,22 +72,36 @@ def area_of(experiments: Sequence[Experiment], quantity: str, comparison: Compar
     The two-sided area of a capture is that of the detector or of its inverse, whichever is larger there: an area of
     0.22 reveals as much as one of 0.78, and of two trainings that hide nothing, neither comes first. This applies to
     all detectors and comparisons. Chance alone raises such areas a little, so compare an area with that of two
-    trainings that hide nothing. The seed of the interval follows from the quantity and the comparison.
+    trainings that hide nothing. The seed of the interval follows from the quantity and the comparison. The interval is
+    NaN if a class has fewer than `roc.RUNS` views: of one or two, all resampled ones are alike.
     """
     seed = zlib.crc32(f"{quantity}: {comparison.title}".encode())
-    return bootstrap_area(two_sided(scores_of(experiments, quantity, comparison)), seed)
+    scores = two_sided(scores_of(experiments, quantity, comparison))
+    return _as_certain_as(scores, bootstrap_area(scores, seed))
 
 
 def excess_of(experiments: Sequence[Experiment], quantity: str) -> Area:
     """How much the area for containers that hide exceeds that for two clean ones; NaN if no experiment has both.
 
-    Both share the clean renders, and all three classes the cameras, so the same views of all three are resampled.
+    Both share the clean renders, and all three classes the cameras, so the same views of all three are resampled. The
+    interval is that of `area_of`.
     """
     hiding, chance = (_scores_by_training(experiments, quantity, each) for each in (HIDING, CHANCE))
     both = [(own, chance[key]) for key, own in hiding.items() if key in chance]
     pairs = [pair for pair in both if all(each.usable and each.paired for each in pair)]
     own, controls = (two_sided(each) for each in zip(*pairs, strict=True)) if pairs else ([], [])
-    return bootstrap_excess(own, controls, zlib.crc32(f"{quantity}: above chance".encode()))
+    return _as_certain_as(own, bootstrap_excess(own, controls, zlib.crc32(f"{quantity}: above chance".encode())))
+
+
+def _as_certain_as(scores: Iterable[DetectorScores], area: Area) -> Area:
+    """The area, without an interval if a class has too few views for one."""
+    fewest = min((len(views) for each in scores for views in (each.positives, each.negatives)), default=RUNS)
+    return area if fewest >= RUNS else replace(area, low=math.nan, high=math.nan)
+
+
+def _interval(area: Area, form: str) -> str:
+    """The bounds of an area, each written in this form."""
+    return "too few views for an interval" if math.isnan(area.low) else f"{area.low:{form}} to {area.high:{form}}"
 
 
 def is_inverted(capture: Sequence[Experiment], quantity: str, comparison: Comparison) -> bool:
@@ -111,7 +125,7 @@ def area_cell(experiments: Sequence[Experiment], quantity: str, comparison: Comp
     shown = area_of(experiments, quantity, comparison)
     if math.isnan(shown.value):
         return Cell("")
-    note = f"{shown.low:.2f} to {shown.high:.2f}{_arrow(experiments, quantity, comparison)}"
+    note = _interval(shown, ".2f") + _arrow(experiments, quantity, comparison)
     return Cell(f"{shown.value:.2f}", note, Spread(shown.value))
 
 
@@ -120,7 +134,7 @@ def excess_cell(experiments: Sequence[Experiment], quantity: str) -> Cell:
     excess = excess_of(experiments, quantity)
     if math.isnan(excess.value):
         return Cell("")
-    return Cell(f"{excess.value:+.2f}", f"{excess.low:+.2f} to {excess.high:+.2f}", Spread(excess.value))
+    return Cell(f"{excess.value:+.2f}", _interval(excess, "+.2f"), Spread(excess.value))
 
 
 def _arrow(experiments: Sequence[Experiment], quantity: str, comparison: Comparison) -> str:
@@ -139,6 +153,8 @@ def verdict(experiments: Sequence[Experiment], quantity: str) -> str:
     hiding, excess = area_of(experiments, quantity, HIDING), excess_of(experiments, quantity)
     if math.isnan(hiding.value):
         return "not measured"
+    if math.isnan(hiding.low):
+        return "not known: too few views"
     captures = [own for own in by_capture(experiments) if scores_of(own, quantity, HIDING)]
     told = [own for own in captures if _is_told_apart(own, quantity)]
     some = f"on {len(told)} of {len(captures)} captures" if 0 < len(told) < len(captures) else ""

@@ -66,7 +66,7 @@ def _relations(experiments_of: ByMethod, quantity: str, detector: str) -> Iterat
         areas = {}
         for capture in dict.fromkeys(each.capture for each in experiments):
             area = area_of([each for each in experiments if each.capture == capture], quantity, HIDING)
-            if not math.isnan(area.value):
+            if not math.isnan(area.low):  # too few views say nothing
                 areas[capture] = area
         if areas:
             yield OnEachCapture(

@@ -15,6 +15,7 @@ from stages.analysis.paper.detection import (
     CHANCE,
     HIDING,
     RENDERING,
+    area_cell,
     area_of,
     excess_cell,
     excess_of,
@@ -169,3 +170,19 @@ def test_two_trainings_of_a_scene_are_not_pooled() -> None:
         rows += [Measurement(LOGIT, offset + 2 + view / VIEWS, HIDDEN, seed=training) for view in range(VIEWS)]
     area = area_of([Experiment("fox", "gs_hider", "0", tuple(rows), {})], LOGIT, HIDING)
     assert (area.value, area.low, area.high) == (1.0, 1.0, 1.0)
+
+
+@pytest.mark.parametrize(("views", "said"), [(2, "not known: too few views"), (VIEWS, "distinguished")])
+def test_a_few_views_say_nothing(views: int, said: str) -> None:
+    """Of two views that are ranked rightly, resampled ones always are, too."""
+    few = seen("fox", 1.0, 0.5)
+    kept = [
+        row for kind in (HIDDEN, CLEAN, CLEAN_AGAIN) for row in [r for r in few.rows if r.condition == kind][:views]
+    ]
+    rows = [replace(row, quantity=name) for row in kept for name in (FUSION, *DETECTORS)]
+    experiments = [replace(few, rows=tuple(rows))]
+    assert verdict(experiments, FUSION) == said
+    cells = [area_cell(experiments, FUSION, HIDING), excess_cell(experiments, FUSION)]
+    assert [("too few views for an interval" in cell.note) for cell in cells] == [views == 2] * 2
+    assert cells[0].text == "1.00"
+    assert bool(steganalysis(Study((), experiments=tuple(experiments)), read_published()).relations) is (views > 2)
