@@ -195,7 +195,8 @@ class _Parser:
     ) -> Scope:
         """The value of every var, in the order of the workflow: each may refer to those before it.
 
-        Null withdraws what the workflow states. If it states nothing, a value must be given.
+        Null withdraws what the workflow states. If it states nothing, a value must be given. Values of `settings` may
+        refer to vars, too, if they are lists or mappings.
         """
         stated = self.mapping(vars_, "'vars'") if vars_ is not None else {}
         given = dict(stated)
@@ -204,7 +205,7 @@ class _Parser:
         scope: dict[str, Located | None] = {}
         for name, value in given.items():
             if name in settings:
-                scope[name] = None if settings[name].broken else settings[name]
+                scope[name] = self.set_value(settings[name], scope)
             elif value.value is None and stated[name].value is None and not value.broken:
                 self.problems.add(value.place, f"the var {name!r} has no value; give it with --set {name}=VALUE")
                 self.problems.missing.add(name)
@@ -220,6 +221,15 @@ class _Parser:
                     hint = f"; {setting!r} is a stage: set one of its parameters with --set {setting}.PARAMETER=VALUE"
                 self.problems.add(value.place, f"no such var or stage; known: {', '.join(known) or 'none'}{hint}")
         return scope
+
+    def set_value(self, given: Located, scope: Scope) -> Located | None:
+        """The value that `--set` gives a var; None if it is broken.
+
+        Rows are often copied from the workflow, with its `${…}`. A text by itself, such as a path, is as it was typed.
+        """
+        if isinstance(given.value, tuple | Mapping):
+            return substitute(given, scope, self.problems)
+        return None if given.broken else given
 
     def entry(self, name: str, place: Place, body: Located, variables: Scope, settings: dict[str, Located]) -> Entry:
         fields = self.mapping(body, f"stage {name!r}", STAGE_KEYS)

@@ -170,6 +170,22 @@ def test_settings_are_checked_and_blamed(workspace: Workspace, setting: str, pro
     assert any(line.startswith(problem) for line in found), found
 
 
+def test_rows_that_are_set_may_refer_to_vars_as_those_in_the_workflow_do(workspace: Workspace) -> None:
+    workspace.write(
+        """
+        vars: {count: 7, note: x, rows: [{count: "${count}", note: a}]}
+        stages:
+          a: {uses: numbers, foreach: "${rows}", with: {count: "${item.count}", note: "${item.note}"}}
+          b: {uses: numbers, with: {note: "${note}"}}
+        """
+    )
+    graph = workspace.open("count=5", "rows=[{count: '${count}', note: 'no ${count}'}]", "note=a ${count} $$ b").graph
+    assert [node.parameters["note"] for node in graph.nodes.values()] == ["no 5", "a ${count} $$ b"]
+    assert next(iter(graph.nodes.values())).parameters["count"] == 5
+    [problem] = workspace.problems("rows=[{count: '${cuont}', note: a}]")
+    assert problem.startswith("--set rows: ${cuont} is not known; known: ${count}, ${note}; did you mean")
+
+
 @pytest.mark.parametrize(
     ("setting", "note"), [("'holiday #2'", "holiday #2"), ('"#fff"', "#fff"), ("a#b", "a#b"), ("it's", "it's")]
 )
