@@ -35,17 +35,35 @@ def refusal(
 
 
 def words_of_loss(name: str, remains: Sequence[str], graph: Graph, store: Store) -> str:
-    """The error for a stage whose result is damaged or gone and cannot be made again; it names what is made from it."""
+    """The error for a stage whose result is damaged or gone and cannot be made again.
+
+    It names what is made from it, and the results of these that are still in the store: whoever lost the key has not
+    lost what was made with it.
+    """
     behind = _behind(name, graph)
     nothing = "nothing in this workflow" if graph.whole else "nothing in this part of the workflow"
     depending = listed(behind, SHOWN) if behind else nothing
+    there = _still_there(behind, graph.workflow, store)
     error = UserError(
         f"the result of {name} is damaged or missing, and no run can make the same one; made from it: {depending}",
         where=store.address,
+        found=f"these, of earlier runs, still whole: {listed(there, SHOWN)}; `export` takes their digests"
+        if there
+        else None,
         remedy=f"Restore it from a copy of the store; the damaged data is in {store.damaged.folder}. To give it up on "
         f"purpose, delete {' and '.join(remains)}: the next run makes a new one, and everything made from it again.",
     )
     return str(error)
+
+
+def _still_there(stages: Sequence[str], workflow: str, store: Store) -> list[str]:
+    """The last results of these stages that the store still holds, by name and digest; the last stage's come first."""
+    with suppress(RemoteError, OSError):
+        last, objects = store.history.last(workflow, stages), store.objects
+        made = [(name, last[name].made) for name in reversed(stages)]
+        outputs = [(name, *output) for name, result in made if result for output in result.outputs.items()]
+        return [f"{name}.{output} ({digest[:12]})" for name, output, digest in outputs if digest in objects]
+    return []
 
 
 def words_of_another(node: Node, key: str, last: StageResult | None, graph: Graph) -> str | None:

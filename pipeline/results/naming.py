@@ -45,7 +45,7 @@ def find_artifact(text: str, address: str | Path) -> tuple[Artifact, Store | Non
             f"no artifact {text!r}",
             where=store.address,
             expected=_expected(text, names),
-            remedy=_what_failed(text.partition("/")[0], store),
+            remedy=_what_failed(text, store),
         )
     return store.artifact(names[_only(text, found_names)]), store
 
@@ -126,13 +126,29 @@ def _expected(text: str, names: dict[str, str]) -> str:
     return f"the path of an artifact, 6 or more characters of a digest, or WORKFLOW/STAGE.OUTPUT{there}{hint}"
 
 
-def _what_failed(workflow: str, store: Store) -> str | None:
-    """Why `latest` lacks what a workflow made earlier, and how to restore it; None if its last run did not fail."""
+def _what_failed(text: str, store: Store) -> str | None:
+    """Why `latest` lacks what `text` names and an earlier run made, and how to have it; None if no run failed."""
+    earlier = _of_an_earlier_run(text, store)
+    workflow = (earlier[0] if earlier else text).partition("/")[0]
     for journal in store.history.journals(workflow)[:1]:
         failed = [name for name, result in store.history.results(journal).items() if result.state == "failed"]
         if failed:
+            digest = f", or name it by its digest, {earlier[1][:12]}" if earlier else ""
             return (
                 f"The last run of {workflow} failed in {failed[0]}, so `latest` has no links to its result or to what "
-                "is made from it. Earlier results are still in the store: repeat their command to restore the links."
+                "is made from it. Earlier results are still in the store: repeat their command to restore the links"
+                f"{digest}."
             )
+    return None
+
+
+def _of_an_earlier_run(text: str, store: Store) -> tuple[str, str] | None:
+    """The name and the digest of the newest result that `text` names, linked or not; None if there is none."""
+    for workflow in store.history.workflows():
+        for journal in store.history.journals(workflow):
+            for stage, result in store.history.results(journal).items():
+                for output, digest in result.outputs.items():
+                    name = f"{workflow}/{stage}.{output}"
+                    if text in (name, *forms_of(name)) and digest in store.objects:
+                        return name, digest
     return None

@@ -77,6 +77,8 @@ def test_it_is_not_drawn_again(workspace: Workspace, drawn: Ran, damage: Callabl
     cause = str(again.ended["key"].cause)
     assert "the result of key is damaged or missing, and no run can make the same one; made from it: hide" in cause
     assert str(drawn.project.store.damaged.folder) in cause
+    hidden = drawn.ended["hide"].outputs["numbers"].name
+    assert f"hide.numbers ({hidden[:12]}); `export` takes their digests" in cause, "it is not lost with the key"
     for name in (f"objects/{key.outputs['numbers'].name}", f"actions/{key.key}"):
         shutil.rmtree(workspace.folder / "store" / name, ignore_errors=True)
         shutil.copytree(workspace.folder / "copy" / name, workspace.folder / "store" / name)
