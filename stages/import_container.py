@@ -6,6 +6,7 @@ import torch
 from pydantic import Field
 
 from pipeline.stage import Context, ExternalPath, Output, Parameters, stage
+from stages.hiding.altered_files import altered_files
 from stages.hiding.bundle import CAMERAS, IMAGE_CAMERA, SecretBundle
 from stages.hiding.bundle_files import read_container_bundle, read_secret_bundle
 from stages.hiding.camera_reading import read_cameras_file
@@ -43,12 +44,14 @@ class ImportContainerParameters(Parameters):
     },
     version=1,
     modules=lambda parameters: [module_of(parameters.method)],
+    remarks="stages.hiding.remarks:not_as_exported",
 )
 def import_container(context: Context, parameters: ImportContainerParameters) -> None:
     """Read files that may come from anyone, and check that they fit their method before any artifact is made from them.
 
     `cameras` is a path from which to view the container, `image_camera` the camera from which the secret shows an
-    image; each is empty if the bundles lack its file.
+    image; each is empty if the bundles lack its file. Files that are not what was exported are recorded: they may fit
+    the method and still be damaged, or of another container.
     """
     bundle = read_container_bundle(parameters.bundle)
     secret = read_secret_bundle(parameters.secret) if parameters.secret else SecretBundle(())
@@ -64,4 +67,9 @@ def import_container(context: Context, parameters: ImportContainerParameters) ->
     write_cameras(context.output("cameras"), read_cameras_file(parameters.bundle, CAMERAS))
     hiding = read_cameras_file(parameters.secret, IMAGE_CAMERA) if parameters.secret else None
     write_cameras(context.output("image_camera"), hiding)
-    context.record(method=bundle.method, gaussians=len(gaussians))
+    places = [place for place in (parameters.bundle, parameters.secret) if place]
+    context.record(
+        method=bundle.method,
+        gaussians=len(gaussians),
+        altered=[name for place in places for name in altered_files(place)],
+    )

@@ -1,4 +1,4 @@
-"""Remarks on containers although nothing failed: messages that no seal protects.
+"""Remarks on containers although nothing failed: messages that no seal protects, and files that were altered.
 
 The engine calls these functions after a result is made, and shows what they return. The stages they are about do not
 import them, so that rewording a remark does not redo a stage.
@@ -6,8 +6,10 @@ import them, so that rewording a remark does not redo a stage.
 
 from __future__ import annotations
 
+from pipeline.plain_text import listed
 from pipeline.stage import Finished, Remark
 from stages.scene.attributes import strings
+from stages.scene.plurals import agreeing
 
 IN_THE_OPEN = (
     "This container cannot be sealed, because its scene decoder reads all of its features: anyone who knows the method "
@@ -21,3 +23,17 @@ def left_open(finished: Finished) -> tuple[Remark, ...]:
     if finished.facts.get("sealed") or not was_asked_for or not strings(finished.outputs["secret"], "messages"):
         return ()
     return (Remark(IN_THE_OPEN),)
+
+
+def not_as_exported(finished: Finished) -> tuple[Remark, ...]:
+    """A remark on `import_container`, if files are not what the manifest beside them says was exported."""
+    recorded = finished.facts.get("altered")
+    altered = [str(name) for name in recorded] if isinstance(recorded, list) else []
+    if not altered:
+        return ()
+    said = agreeing(
+        len(altered),
+        "[is|are] not what was exported, as the manifest.json beside [it|them] tells: damaged, or of another container."
+        " What is shown may be wrong; fetch the files again.",
+    )
+    return (Remark(f"{listed(altered)} {said}"),)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -11,14 +12,16 @@ import pytest
 import torch
 
 from pipeline.artifact import Artifact, create, load
+from pipeline.canonical import Json
 from pipeline.errors import UserError
-from pipeline.stage import run_stage
+from pipeline.stage import Finished, run_stage
 from stages.export_container import ExportContainerParameters, export_container
 from stages.export_splats import ExportSplatsParameters, export_splats
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.hiding.bundle import CAMERAS
 from stages.hiding.camera_reading import read_cameras_file
 from stages.hiding.method import build_method
+from stages.hiding.remarks import not_as_exported
 from stages.hiding.rendering import COVER
 from stages.hiding.storage import read_gaussians, read_method, write_container, write_secret
 from stages.import_container import ImportContainerParameters, import_container
@@ -263,3 +266,30 @@ def test_trained_containers_come_back_and_show_the_same(tmp_path: Path) -> None:
     plain = imported(tmp_path / "again", "plain", bundle.path / "splats.ply")["container"]
     for name in splats.names:
         np.testing.assert_array_equal(plain.read(name), splats.read(name))
+
+
+def flip(path: Path) -> None:
+    data = path.read_bytes()
+    path.write_bytes(data[:-40] + bytes([data[-40] ^ 1]) + data[-39:])
+
+
+@pytest.mark.parametrize("secret_of_another", [False, True])
+def test_files_that_are_not_what_was_exported_are_told(
+    tmp_path: Path, recorded: dict[str, Json], secret_of_another: bool
+) -> None:
+    """They may fit the method all the same, and show the cover in wrong colours. Without a manifest nobody knows."""
+
+    def said(name: str, bundle: Path, secret: Path) -> list[str]:
+        made = imported(tmp_path / name, "gs_hider", bundle, secret)
+        return [remark.text for remark in not_as_exported(Finished({}, made, recorded))]
+
+    assert import_container.remarks == f"{not_as_exported.__module__}:{not_as_exported.__name__}"
+    made = exported(tmp_path, *stored(tmp_path, "gs_hider", messages=("reef",)))
+    bundle, secret = (shutil.copytree(made[name].path, tmp_path / name) for name in ("bundle", "secret_bundle"))
+    assert said("whole", bundle, secret) == []
+    decoder = secret / "message_decoder.safetensors" if secret_of_another else bundle / "scene_decoder.safetensors"
+    flip(decoder)
+    (text,) = said("altered", bundle, secret)
+    assert text.startswith(f"{decoder.name} is not what was exported")
+    (decoder.parent / "manifest.json").unlink()
+    assert said("untold", bundle, secret) == []
