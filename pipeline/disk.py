@@ -18,7 +18,8 @@ from pathlib import Path
 from typing import Any
 
 FULL = {errno.ENOSPC, errno.EDQUOT}
-IN_WORDS = FULL | {errno.EFBIG, errno.EROFS}
+UNWRITABLE = {errno.EROFS: "a read-only file system", errno.EACCES: "no permission for you to write there"}
+IN_WORDS = FULL | {errno.EFBIG, *UNWRITABLE}
 """Errors for which `words_of` says what to do."""
 MUCH = 10**10
 """Free bytes above which a disk is hardly the one that is full: no stage writes that much at once."""
@@ -95,10 +96,11 @@ def words_of(error: OSError, store: Path | str, written: int = 0) -> str:
     """
     if error.errno == errno.EFBIG:
         return _words_of_too_large(error.filename or store)
-    if error.errno == errno.EROFS and not _elsewhere(error.filename, store):
+    found = _unwritable(error, store)
+    if found:
         return (
-            f"{store}: the store cannot be written; found a read-only file system. Make that disk writable, or copy "
-            "the store to one that is, and name it with --store or $GS_HIDER_STORE; `status`, `show`, `export` and "
+            f"{store}: the store cannot be written; found {found}. Make it writable, or copy it to "
+            "where you can write, and name that with --store or $GS_HIDER_STORE; `status`, `show`, `export` and "
             "`verify` work with it as it is."
         )
     if error.errno not in FULL:
@@ -140,6 +142,13 @@ def _words_of_too_large(place: object) -> str:
         f"{place}: a file is larger than this process may write; found a limit of {size_words(allowed)} a file, which "
         f"`ulimit -f` sets. Raise it, for example with `ulimit -f unlimited`, {kept}"
     )
+
+
+def _unwritable(error: OSError, store: Path | str) -> str | None:
+    """Why the store cannot be written, if that is the error; someone's secrets in it may just not be readable."""
+    if error.errno == errno.EACCES and (error.filename is None or os.access(store, os.W_OK)):
+        return None
+    return None if error.errno is None or _elsewhere(error.filename, store) else UNWRITABLE.get(error.errno)
 
 
 def _elsewhere(file: object, store: Path | str) -> Path | None:
@@ -228,9 +237,12 @@ def size_words(size: int) -> str:
 
 
 def is_read_only(path: Path) -> bool:
-    """Whether the disk of a path, which need not exist, is read-only; False if that cannot be determined."""
+    """Whether the disk of a path, which need not exist, is read-only; False if that cannot be determined.
+
+    A path that exists is also read-only if its permissions do not let this user write there.
+    """
     room = _room_on(path)
-    return room is not None and bool(room.f_flag & os.ST_RDONLY)
+    return (room is not None and bool(room.f_flag & os.ST_RDONLY)) or (path.exists() and not os.access(path, os.W_OK))
 
 
 def _room_on(path: Path | str) -> os.statvfs_result | None:

@@ -85,6 +85,7 @@ def render_hidden(context: Context, parameters: RenderHiddenParameters) -> None:
         device=describe_drawing(device),
         legal_views=int(views.legal.sum()),
         scale=round(float(placed.scale * factor), 4),
+        placement=parameters.placement,
     )
 
 

@@ -34,9 +34,10 @@ def verify(store: StoreAddress = "store", dry_run: DryRun = False, as_json: Json
 
     This checks artifacts, the records of how they were made, pins, and the links in `latest`. Damaged data moves to the
     store's folder `damaged`, until a `gc` finds that it was made again or is not needed. A file in an artifact that is
-    not part of it moves there too, and the artifact stays. On a read-only disk nothing moves. If the store is in a
-    bucket, everything is fetched to be checked, and none of it is kept; a sound copy on this machine replaces damaged
-    data in the bucket. Exit status: 0 everything is sound, 1 something was damaged.
+    not part of it moves there too, and the artifact stays. On a read-only disk, or in a store that you may not write,
+    nothing moves. If the store is in a bucket, everything is fetched to be checked, and none of it is kept; a sound
+    copy on this machine replaces damaged data in the bucket. Exit status: 0 everything is sound, 1 something was
+    damaged.
     """
     with reported(store):
         from pipeline.console.storewords import Verified, verified_as_json, verified_words

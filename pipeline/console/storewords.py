@@ -15,7 +15,7 @@ from pipeline.disk import size_words
 from pipeline.plain_text import in_a_line, without_controls
 from pipeline.store.garbage import Collection as Garbage
 from pipeline.store.pins import Pin
-from pipeline.store.verification import Checked
+from pipeline.store.verification import IRREPLACEABLE, Checked
 
 
 class Verified:
@@ -23,9 +23,15 @@ class Verified:
 
     def __init__(self) -> None:
         self.numbers: Counter[str] = Counter()
-        self.damaged = 0
+        self._damaged: Counter[str] = Counter()
+        self._is_any_irreplaceable = False
         self.size = 0
         self._started = time.monotonic()
+
+    @property
+    def damaged(self) -> int:
+        """The number of damaged things, of any kind."""
+        return self._damaged.total()
 
     @contextmanager
     def shown(self, artifacts: int, quiet: bool) -> Iterator[Callable[[Checked], None]]:
@@ -39,7 +45,8 @@ class Verified:
 
             def count(checked: Checked) -> None:
                 self.numbers[checked.what] += 1
-                self.damaged += checked.damage is not None
+                self._damaged[checked.what] += checked.damage is not None
+                self._is_any_irreplaceable |= IRREPLACEABLE in (checked.damage or "")
                 self.size += checked.size
                 bar.update(task, advance=checked.what == "artifact", description=f"read {size_words(self.size)}")
 
@@ -47,13 +54,13 @@ class Verified:
 
     def words(self, dry_run: bool, damaged: Path) -> str:
         """The result on one line; `damaged` is the folder to which damaged data was moved."""
-        counted = ", ".join(f"{number} {what}{'s' * (number != 1)}" for what, number in self.numbers.items())
-        found = f"{counted or 'nothing to check'}; {size_words(self.size)} read in {self._duration()}"
+        found = f"{_counted(self.numbers) or 'nothing to check'}; {size_words(self.size)} read in {self._duration()}"
         if not self.damaged:
             return f"Everything is sound: {found}"
-        aside = f"moved to {damaged}; the next run remakes what it needs"
+        exception = ", but not what cannot be made again" if self._is_any_irreplaceable else ""
+        aside = f"moved to {damaged}; the next run remakes what it needs{exception}"
         remedy = "nothing was changed" if dry_run else aside
-        return f"{self.damaged} damaged of {found}; {remedy}"
+        return f"{_counted(+self._damaged)} damaged, of {found}; {remedy}"
 
     def as_json(self) -> dict[str, object]:
         """The result as `verify --json` prints it."""
@@ -63,6 +70,11 @@ class Verified:
 
     def _duration(self) -> str:
         return duration(time.monotonic() - self._started)
+
+
+def _counted(numbers: Counter[str]) -> str:
+    """How many there are of each kind; empty without any."""
+    return ", ".join(f"{number} {what}{'s' * (number != 1)}" for what, number in numbers.items())
 
 
 def verified_words(checked: Checked) -> str:

@@ -50,7 +50,9 @@ def check_there(name: str, value: Located, problems: Problems) -> None:
         elif isinstance(path.value, str) and not is_there(str(absolute(path))):
             missing = str(absolute(path))
             hint = _nearest_path(Path(missing))
-            problems.add(path.place, f"parameter {name!r}: there is no file or folder {missing!r}{hint}")
+            given = sorted({str(source) for source in path.sources if source.file.startswith("--set ")})
+            origin = f" (from {' and '.join(given)})" if given and str(path.place) not in given else ""
+            problems.add(path.place, f"parameter {name!r}: there is no file or folder {missing!r}{origin}{hint}")
 
 
 def _nearest_path(missing: Path) -> str:

@@ -45,6 +45,8 @@ def read_container_bundle(place: Path) -> ContainerBundle:
     """
     if place.is_dir():
         description = json_of(place / DESCRIPTION, text_of(place, DESCRIPTION))
+        if not (place / GAUSSIANS).exists():
+            raise _not_a_bundle(place, GAUSSIANS)
         ply, networks = read_ply(place / GAUSSIANS), _networks(place, PUBLIC_NETWORKS)
     else:
         ply, networks = read_ply(place), {}
@@ -172,7 +174,7 @@ def text_of(place: Path, name: str) -> bytes:
 
 
 def _not_a_bundle(place: Path, name: str) -> UserError:
-    """The error for a folder without the file `name`; the user may have swapped the public and the secret folder."""
+    """The error for a folder without the file `name`; the user may have swapped the folders, or renamed the file."""
     if place.is_file():
         return UserError(
             "no folder of a bundle",
@@ -185,6 +187,7 @@ def _not_a_bundle(place: Path, name: str) -> UserError:
     swapped = {
         DESCRIPTION: (SECRET_DESCRIPTION, "This is the secret folder: give it as `secret`, and the public one here."),
         SECRET_DESCRIPTION: (DESCRIPTION, "This is the public folder: give it as `bundle`, and the secret one here."),
+        GAUSSIANS: (DESCRIPTION, f"If the PLY has another name here, rename it to {GAUSSIANS}."),
     }
     other, remedy = swapped.get(name, (name, None))
     return UserError(
@@ -201,7 +204,13 @@ def json_of(path: Path, text: bytes) -> dict[str, Any]:
     try:
         content = json.loads(text) if len(text) <= LARGEST_JSON else None
     except (ValueError, RecursionError) as error:
-        raise UserError("no JSON", where=path, found=str(error)[:LONGEST_TEXT]) from error
+        raise UserError(
+            "no JSON",
+            where=path,
+            found=str(error)[:LONGEST_TEXT],
+            expected="the file as it was exported",
+            remedy="Fetch it again: it was damaged or edited.",
+        ) from error
     if not isinstance(content, dict):
         raise UserError("no description", where=path, expected=f"a JSON object of at most {LARGEST_JSON} bytes")
     return content

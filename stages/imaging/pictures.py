@@ -68,13 +68,17 @@ def read_picture(path: Path) -> Picture:
             where=str(path),
             found=_what_it_is(path, error),
             expected=f"a complete picture ({', '.join(FORMATS)}) of at most {MOST_PIXELS:,} pixels",
-            remedy="Convert it to JPEG if it is a phone's HEIC, whatever it is called; save it smaller if it is too "
-            "large; or replace it, or take it out of the folder.",
+            remedy="Name one picture in it."
+            if path.is_dir()
+            else "Convert it to JPEG if it is a phone's HEIC, whatever it is called; save it smaller if it is too "
+            "large; or replace it, or, if it is one of many, take it out of their folder.",
         ) from error
 
 
 def _what_it_is(path: Path, error: BaseException) -> str:
     """What is wrong with an unreadable file, without its name, which Pillow's message repeats."""
+    if path.is_dir():
+        return "a folder"
     if not isinstance(error, UnidentifiedImageError):
         return str(error) or type(error).__name__
     with path.open("rb") as file:

@@ -51,7 +51,12 @@ def find_photos(folder: Path, images: str | None = None) -> PhotoFolder:
     tables cannot hold, and for photos that differ only in extension: results are paired by name.
     """
     if not folder.is_dir():
-        raise UserError("no such folder of photos", where=folder, found="a file" if folder.exists() else "nothing")
+        raise UserError(
+            "no such folder of photos",
+            where=folder,
+            found="a file" if folder.exists() else "nothing",
+            remedy="Name the folder that holds the photos.",
+        )
     if images is not None and not (folder / images).is_dir():
         raise UserError(
             f"a capture without a folder {images}",

@@ -29,7 +29,12 @@ def find_pictures(folder: Path, suffixes: Sequence[str]) -> PhotoFolder:
     """
     if not folder.is_dir():
         found = "a file" if folder.exists() else "nothing"
-        raise UserError("no such folder of pictures to look through", where=folder, found=found)
+        raise UserError(
+            "no such folder of pictures to look through",
+            where=folder,
+            found=found,
+            remedy="Name the folder that holds the pictures.",
+        )
     files = [file for file in folder.iterdir() if file.is_file()]
     pictures = photos_in(folder, suffixes)
     if not pictures:

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from pipeline.artifact import Artifact
 from pipeline.stage import Finished, Remark
 from stages.scene.attributes import strings
@@ -17,6 +19,11 @@ from stages.scene.plurals import agreeing, counted
 HARDLY_SEEN = (
     f"The message fills less than {100 * LEGAL_COVERAGE:.0f} % of every test view, so none counts as legal and its "
     "figures mean little."
+)
+TRAIN_LONGER = "It is in the cover's own place, so its splats may have been trained for too few iterations."
+COVER_ITSELF = (
+    "The message is the cover itself: both are of the same photos. If that is a slip, stop the run; to hide the cover "
+    "in other colours or without an object, use hide_edits."
 )
 CHOOSE_ANOTHER = "Choose a message photographed from every side from which the cover's cameras look."
 WORTH_A_WORD = 0.8
@@ -212,11 +219,22 @@ def _shares_shown(facts: Mapping[str, object]) -> list[float]:
 
 
 def message_hardly_seen(finished: Finished) -> tuple[Remark, ...]:
-    """Remark on `render_hidden`: no test view of the cover is legal."""
-    test_names, views = strings(finished.input("cover"), "test_names"), finished.outputs["views"]
+    """Remarks on `render_hidden`: no test view of the cover is legal, and the message is the cover itself."""
+    message, cover = finished.inputs.get("message"), finished.input("cover")
+    same = (Remark(COVER_ITSELF),) if isinstance(message, Artifact) and _same_scene(message, cover) else ()
+    test_names, views = strings(cover, "test_names"), finished.outputs["views"]
     if not test_names or legal_names(views) & set(test_names):
-        return ()
-    return (Remark(f"{HARDLY_SEEN} {CHOOSE_ANOTHER}"),)
+        return same
+    is_edited = finished.facts.get("placement") == "same_world"
+    return (*same, Remark(f"{HARDLY_SEEN} {TRAIN_LONGER if is_edited or same else CHOOSE_ANOTHER}"))
+
+
+def _same_scene(one: Artifact, other: Artifact) -> bool:
+    """Whether two scenes were made from the same photos: what is private in one may be public in the other."""
+    if "points" not in one.names or "points" not in other.names:
+        return False
+    points = one.read("points")
+    return len(points) > 0 and np.array_equal(points, other.read("points"))
 
 
 def legal_names(views: Artifact) -> set[str]:

@@ -22,7 +22,12 @@ def read_splats(path: Path) -> tuple[Gaussians, int]:
     proportional to the file.
     """
     if not path.is_file():
-        raise UserError("no such file of splats", where=path, found="a folder" if path.is_dir() else "nothing")
+        raise UserError(
+            "no such file of splats",
+            where=path,
+            found="a folder" if path.is_dir() else "nothing",
+            remedy="Name a .ply or .splat file.",
+        )
     try:
         gaussians = gaussians_of(path, _values(path))
     except OSError as error:

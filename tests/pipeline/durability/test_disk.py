@@ -12,11 +12,14 @@ import sys
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from pipeline.cli import app
 from pipeline.disk import words_of
+from pipeline.store.store import Store
 from tests.pipeline.durability import small_disk
 from tests.pipeline.durability.commands import ROOT, TOYS
-from tests.pipeline.helpers import Workspace
+from tests.pipeline.helpers import CHAIN, Workspace
 
 
 def may_mount() -> bool:
@@ -102,12 +105,36 @@ def test_a_disk_with_much_room_is_hardly_the_full_one(
     assert ("probably not the one" in words, "480.0 GB free" in words) == (not blamed, True)
 
 
-def test_a_store_that_is_read_only_is_told_by_its_name(tmp_path: Path) -> None:
-    words = words_of(OSError(errno.EROFS, "Read-only file system", str(tmp_path / "store/locks/x")), tmp_path / "store")
-    assert words.startswith(f"{tmp_path / 'store'}: the store cannot be written; found a read-only file system. Make")
+@pytest.mark.parametrize(
+    ("error", "strerror", "found"),
+    [
+        (errno.EROFS, "Read-only file system", "a read-only file system"),
+        (errno.EACCES, "Permission denied", "no permission for you to write there"),
+    ],
+)
+def test_a_store_that_is_read_only_is_told_by_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: int, strerror: str, found: str
+) -> None:
+    monkeypatch.setattr(os, "access", lambda path, mode: False)  # root may write anywhere
+    words = words_of(OSError(error, strerror, str(tmp_path / "store/locks/x")), tmp_path / "store")
+    assert words.startswith(f"{tmp_path / 'store'}: the store cannot be written; found {found}. Make")
     assert "--store" in words
-    elsewhere = OSError(errno.EROFS, "Read-only file system", str(tmp_path / "stick/copy"))
-    assert words_of(elsewhere, tmp_path / "store") == f"{tmp_path}/stick/copy: Read-only file system"
+    elsewhere = OSError(error, strerror, str(tmp_path / "stick/copy"))
+    assert words_of(elsewhere, tmp_path / "store") == f"{tmp_path}/stick/copy: {strerror}"
+
+
+def test_a_secret_that_cannot_be_read_does_not_make_the_store_unwritable(tmp_path: Path) -> None:
+    secret = OSError(errno.EACCES, "Permission denied", str(tmp_path / "objects/x"))
+    assert words_of(secret, tmp_path) == f"{tmp_path}/objects/x: Permission denied"
+    assert words_of(OSError(errno.EACCES, "Permission denied"), tmp_path) == "Permission denied"
+
+
+def test_verify_moves_nothing_in_a_store_of_someone_else(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
+    workspace.write(CHAIN).run()
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    monkeypatch.setattr(Store, "in_use", lambda *_: pytest.fail("a lock there cannot be held"))
+    result = CliRunner().invoke(app, ["verify", "--store", str(workspace.folder / "store")])
+    assert (result.exit_code, result.output.startswith("Everything is sound")) == (0, True)
 
 
 def test_a_limit_of_the_size_of_files_is_told_with_what_sets_it(workspace: Workspace) -> None:

@@ -142,6 +142,14 @@ def test_verify_says_so(drawn: Ran) -> None:
     assert "it cannot be made again" in verify(drawn)[0]
 
 
+def test_the_last_line_of_verify_promises_no_other_one(workspace: Workspace, drawn: Ran) -> None:
+    """The artifact, its record and its link are one loss, and are counted apart."""
+    cut(drawn)
+    said = CliRunner().invoke(app, ["verify", "--store", str(workspace.folder / "store")]).stdout.splitlines()[-1]
+    assert said.startswith("1 artifact, 1 record, 1 link damaged, of 3 artifacts")
+    assert said.endswith("; the next run remakes what it needs, but not what cannot be made again")
+
+
 def test_gc_keeps_what_is_left_of_it(workspace: Workspace, drawn: Ran) -> None:
     """Although no run needs it any more: what was published may need it."""
     cut(drawn)

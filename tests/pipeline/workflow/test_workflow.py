@@ -170,6 +170,13 @@ def test_settings_are_checked_and_blamed(workspace: Workspace, setting: str, pro
     assert any(line.startswith(problem) for line in found), found
 
 
+def test_a_path_made_of_what_was_set_says_by_what(workspace: Workspace) -> None:
+    workspace.write("vars: {folder: null}\nstages:\n  a: {uses: numbers, with: {file: '${folder}/five.txt'}}\n")
+    [problem] = workspace.problems("folder=nowhere")
+    assert "there is no file or folder" in problem
+    assert "/nowhere/five.txt' (from --set folder)" in problem
+
+
 def test_rows_that_are_set_may_refer_to_vars_as_those_in_the_workflow_do(workspace: Workspace) -> None:
     workspace.write(
         """

@@ -141,7 +141,10 @@ def zip_folder(folder: Path) -> None:
             lambda folder: (folder / "bundle/container.json").unlink(),
             "no bundle; found container.ply, .* expected a file",
         ),
-        (lambda folder: (folder / "bundle/container.ply").unlink(), "container.ply: no such PLY file"),
+        (
+            lambda folder: (folder / "bundle/container.ply").unlink(),
+            "container.ply in it. If the PLY has another name here, rename it",
+        ),
         (lambda folder: (folder / SCENE_DECODER).unlink(), "scene_decoder are missing.* Give the folder of the bundle"),
         (lambda folder: (folder / MESSAGE_DECODER).unlink(), "message_decoder are missing"),
         (lambda folder: shutil.rmtree(folder / "secret_bundle"), "no secret bundle; found no folder"),

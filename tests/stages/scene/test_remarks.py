@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pipeline.artifact import Artifact, create, load
@@ -160,3 +161,33 @@ def test_a_message_that_no_test_view_shows(
     remarks = message_hardly_seen(finished({"cover": cover}, {"views": views}))
     assert bool(remarks) is said
     assert not any("Zebraquartz" in remark.text for remark in remarks)
+
+
+@pytest.mark.parametrize(
+    ("placement", "advice"), [("aligned", "Choose a message"), ("same_world", "too few iterations")]
+)
+def test_nobody_chooses_another_message_where_it_is_the_cover_edited(
+    tmp_path: Path, placement: str, advice: str
+) -> None:
+    cover = artifact(tmp_path / "cover", "scene", names=["a.jpg"], test_names=["a.jpg"])
+    views = artifact(tmp_path / "views", "views", names=["a.jpg"], legal=[False], message="Zebraquartz")
+    (remark,) = message_hardly_seen(finished({"cover": cover}, {"views": views}, placement=placement))
+    assert advice in remark.text
+
+
+def test_a_cover_that_is_its_own_message_is_a_slip(tmp_path: Path) -> None:
+    """A message is private, and a cover is not, so they are different artifacts of the same photos."""
+
+    def scene(name: str, first: float, private: bool) -> Artifact:
+        with create(tmp_path / name, "scene", private) as writer:
+            writer.attributes |= {"names": ["a.jpg"], "test_names": []}
+            writer.write("points", np.array([[first, 0.0, 1.0]]))
+        return load(tmp_path / name)
+
+    views = artifact(tmp_path / "views", "views", names=["a.jpg"], legal=[True], message="Zebraquartz")
+    cover, another = scene("cover", 0.5, private=False), scene("another", 0.7, private=True)
+    said = [
+        message_hardly_seen(finished({"cover": cover, "message": message}, {"views": views}))
+        for message in (scene("same", 0.5, private=True), another)
+    ]
+    assert [[remark.text[:30] for remark in remarks] for remarks in said] == [["The message is the cover itsel"], []]
