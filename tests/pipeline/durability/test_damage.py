@@ -109,6 +109,8 @@ def damaged_copy(sound: Workspace, folder: Path, seed: int, times: int) -> Works
     chance = random.Random(seed)
     for _ in range(times):
         files = sorted(path for path in (folder / "store").rglob("*") if path.is_file() and not path.is_symlink())
+        if not files:  # the folder that was deleted was the store, with its .gitignore
+            break
         chance.choice(KINDS)(chance.choice(files), chance)
     return Workspace(folder, sound.package)
 
