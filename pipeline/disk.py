@@ -19,8 +19,9 @@ from typing import Any
 
 FULL = {errno.ENOSPC, errno.EDQUOT}
 UNWRITABLE = {errno.EROFS: "a read-only file system", errno.EACCES: "no permission for you to write there"}
-IN_WORDS = FULL | {errno.EFBIG, *UNWRITABLE}
-"""Errors for which `words_of` says what to do."""
+"""What a store has that cannot be written, by the error."""
+IN_WORDS = FULL | {errno.EFBIG, errno.EROFS}
+"""Errors for which `words_of` says what to do, whatever file they name."""
 MUCH = 10**10
 """Free bytes above which a disk is hardly the one that is full: no stage writes that much at once."""
 

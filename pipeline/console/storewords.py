@@ -15,7 +15,7 @@ from pipeline.disk import size_words
 from pipeline.plain_text import in_a_line, without_controls
 from pipeline.store.garbage import Collection as Garbage
 from pipeline.store.pins import Pin
-from pipeline.store.verification import IRREPLACEABLE, Checked
+from pipeline.store.verification import Checked
 
 
 class Verified:
@@ -46,7 +46,7 @@ class Verified:
             def count(checked: Checked) -> None:
                 self.numbers[checked.what] += 1
                 self._damaged[checked.what] += checked.damage is not None
-                self._is_any_irreplaceable |= IRREPLACEABLE in (checked.damage or "")
+                self._is_any_irreplaceable |= checked.irreplaceable
                 self.size += checked.size
                 bar.update(task, advance=checked.what == "artifact", description=f"read {size_words(self.size)}")
 

@@ -47,7 +47,7 @@ def words_of_loss(name: str, remains: Sequence[str], graph: Graph, store: Store)
     error = UserError(
         f"the result of {name} is damaged or missing, and no run can make the same one; made from it: {depending}",
         where=store.address,
-        found=f"these, of earlier runs, still whole: {listed(there, SHOWN)}; `export` takes their digests"
+        found=f"these of earlier runs are still there: {listed(there, SHOWN)}; `export` takes their digests"
         if there
         else None,
         remedy=f"Restore it from a copy of the store; the damaged data is in {store.damaged.folder}. To give it up on "

@@ -144,11 +144,6 @@ def _what_failed(text: str, store: Store) -> str | None:
 
 def _of_an_earlier_run(text: str, store: Store) -> tuple[str, str] | None:
     """The name and the digest of the newest result that `text` names, linked or not; None if there is none."""
-    for workflow in store.history.workflows():
-        for journal in store.history.journals(workflow):
-            for stage, result in store.history.results(journal).items():
-                for output, digest in result.outputs.items():
-                    name = f"{workflow}/{stage}.{output}"
-                    if text in (name, *forms_of(name)) and digest in store.objects:
-                        return name, digest
-    return None
+    objects = store.objects
+    named = ((name, digest) for name, digest in store.history.outputs() if text in (name, *forms_of(name)))
+    return next(((name, digest) for name, digest in named if digest in objects), None)

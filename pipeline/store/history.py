@@ -171,6 +171,13 @@ class History:
                         return tuple(map(str, given))
         return ()
 
+    def outputs(self) -> Iterator[tuple[str, str]]:
+        """`<workflow>/<stage>.<output>` and digest of every result, those of a workflow's newest run first."""
+        for workflow in self.workflows():
+            for journal in self.journals(workflow):
+                for name, result in self.results(journal).items():
+                    yield from ((f"{workflow}/{name}.{output}", digest) for output, digest in result.outputs.items())
+
     def latest_digests(self) -> dict[str, str]:
         """The digest of the last result of every output `<workflow>/<stage>.<output>`, according to the journals.
 

@@ -30,7 +30,7 @@ class Checked:
     """One thing that was checked: `damage` says what is wrong with it, None if it is sound; `size` is in bytes.
 
     `stages` are the names `<workflow>/<stage>.<output>` under which an artifact was made, as far as records tell, or
-    the `<workflow>/<stage>` of a record.
+    the `<workflow>/<stage>` of a record. `irreplaceable`: what is damaged cannot be made again.
     """
 
     what: Literal["artifact", "foreign file", "record", "pin", "link"]
@@ -38,6 +38,7 @@ class Checked:
     size: int = 0
     damage: str | None = None
     stages: tuple[str, ...] = ()
+    irreplaceable: bool = False
 
 
 def verify_store(store: Store, dry_run: bool = False) -> Iterator[Checked]:
@@ -52,8 +53,9 @@ def verify_store(store: Store, dry_run: bool = False) -> Iterator[Checked]:
             elif checked.damage:
                 store.set_aside(checked.name)
                 mended = f"; {MENDED}" if store.holds(checked.name) else ""
-                mended = mended or (f"; {IRREPLACEABLE}" if checked.name in irreplaceable else "")
-                checked = replace(checked, damage=f"{checked.damage}{mended}")
+                lost_for_good = not mended and checked.name in irreplaceable
+                mended = mended or (f"; {IRREPLACEABLE}" if lost_for_good else "")
+                checked = replace(checked, damage=f"{checked.damage}{mended}", irreplaceable=lost_for_good)
             stages = names.get(checked.name, ())
             yield replace(checked, stages=stages)
             if not checked.damage:

@@ -9,11 +9,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from pipeline.artifact import Artifact, load
-from pipeline.errors import ArtifactError, CorruptArtifact
+from pipeline.errors import CorruptArtifact
 
 
 def altered_files(place: Path) -> list[str]:
-    """The names of files that the manifest in the folder `place` tells to be missing or altered, sorted.
+    """The names of files in the folder `place` that are missing or altered according to its manifest, sorted.
 
     Empty for a single file, and without a manifest that can be read.
     """
@@ -27,6 +27,6 @@ def altered_files(place: Path) -> list[str]:
 def _is_whole(exported: Artifact, name: str) -> bool:
     try:
         exported.file(name)
-    except (ArtifactError, CorruptArtifact):
+    except CorruptArtifact:
         return False
     return True

@@ -115,11 +115,11 @@ def decode(
     -0.10 ± 0.13 dB on test views.
 
     `bfloat16` runs all convolutions but the first and the last in bfloat16, forward and backward, with float32 sums and
-    weights that are optimised in float32. It is for GPUs, and for CPUs whose torch multiplies matrices of bfloat16
-    (AMX, of Xeons since Sapphire Rapids): there, an iteration of GS-Hider takes 119 ms instead of 182, and one of ours,
-    whose convolutions of single pixels have kernels of their own in float32, 74 instead of 64
-    (`tests/benchmarks/training_iteration.py`). CPUs without AMX are slower with it: with AVX-512 alone, an iteration
-    took more than twice as long, and those without either round in float32 (`_through_rounded`).
+    weights that are optimised in float32. It is for GPUs, and for CPUs that multiply matrices of bfloat16 (AMX): on one
+    such Xeon, an iteration of GS-Hider takes 119 ms instead of 182, and one of ours, whose convolutions of single
+    pixels have kernels of their own in float32, 74 instead of 64 (`tests/benchmarks/training_iteration.py`). (Earlier,
+    on Emerald Rapids, it took more than twice as long in bfloat16; why is not known. Zen 4 and 5 were not measured
+    since.) CPUs without instructions for it are slower: they round in float32 (`_through_rounded`).
     The last convolution stays in float32, since pictures rounded to eight bits of mantissa get the sign of small
     residuals wrong: on a trained container, that biased the weights' gradients by up to 30 %. The first stays in
     float32, too, as it would read rounded features. The remaining cost, for fox hiding kitchen, 600 iterations: the

@@ -86,6 +86,14 @@ class DrawsDirections(Protocol):
         """
 
 
+@runtime_checkable
+class ReadsRenders(Protocol):
+    """A method whose message decoder reads the cover's rendered picture; see `hiding.methods.decoder`."""
+
+    def read_off(self, picture: Float[Tensor, "H W 3"]) -> Mapping[str, Float[Tensor, "H W 3"]]:
+        """The messages by name, unclamped, in the order of `messages`, decoded from a picture of the cover."""
+
+
 def refuse_another_method(where: Path, found: str, declared: str) -> None:
     """Raise `UserError` unless the method that made the container at `where` is the one that a stage declared.
 

@@ -12,9 +12,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from stages.analysis.attacks.catalogue import ONE_COLOUR
-from stages.analysis.attacks.target import ReadsRenders, Target
+from stages.analysis.attacks.target import Target
 from stages.analysis.fidelity import Perceptual, covered_psnrs, one_colour_psnr, picture_figures, where_seen
-from stages.hiding.method import Method, move_networks
+from stages.hiding.method import Method, ReadsRenders, move_networks
 from stages.hiding.networks import PUBLIC_NETWORKS
 from stages.hiding.rendering import COVER
 from stages.imaging.metric_table import mean_of_known

@@ -12,7 +12,7 @@ from jaxtyping import Float, Float64, Int
 from torch import Tensor
 
 from stages.hiding.coupled import FEATURES
-from stages.hiding.method import Method
+from stages.hiding.method import Method, ReadsRenders
 from stages.scene.gaussians import Gaussians
 from stages.scene.moved_splats import chosen
 from stages.scene.similarity import Similarity
@@ -39,14 +39,6 @@ class ToldDirections(Protocol):
 
     def turn_view(self, rotation: Float64[np.ndarray, "3 3"]) -> None:
         """Read a direction rotated by `rotation` as it read the original direction."""
-
-
-@runtime_checkable
-class ReadsRenders(Protocol):
-    """A method whose message decoder reads the cover's rendered picture; see `hiding.methods.decoder`."""
-
-    def read_off(self, picture: Float[Tensor, "H W 3"]) -> Mapping[str, Float[Tensor, "H W 3"]]:
-        """The messages by name, decoded from a picture of the cover."""
 
 
 @dataclass(frozen=True)

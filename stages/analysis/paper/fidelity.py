@@ -90,6 +90,7 @@ def _grid(quantity: str, split: str, runs: Sequence[Run], study: Study, tables: 
         ("cover", cover(quantity, split)),
         ("message", message(quantity, split)),
     )
+    others = _other_messages(runs, captures, tables) if tables is not None else {}
     lines: list[Line] = []
     for method, title, group in blocks(runs, tables.fidelity if tables else ()):
         for subject, figure in figures:
@@ -99,11 +100,11 @@ def _grid(quantity: str, split: str, runs: Sequence[Run], study: Study, tables: 
             lead = _scene_cells(group, captures, subject == "cover") if scene else []
             lines.append(Line((title, PICTURES[subject], HERE), (*lead, *cells)))
             if tables is not None and title == title_of(method):
-                foreign = _other_messages(runs, captures, tables) if subject == "message" else {}
+                foreign = others if subject == "message" else {}
                 lines.append(_published_line(quantity, method, subject, captures, tables, scene, foreign))
     notes = [size_note(runs)] if scene else []
-    if scene and tables is not None:
-        notes += _notes_on_messages(_other_messages(runs, captures, tables))
+    if scene:
+        notes += _notes_on_messages(others)
     if split == "test" and any(measure(runs, figure).by_capture for _, figure in figures):
         notes.append(noise_note(noises(runs, study, quantity), quantity, " dB" if quantity == "psnr" else ""))
     return without_empty_columns(
@@ -135,10 +136,12 @@ def _other_messages(runs: Sequence[Run], captures: Sequence[str], tables: Publis
 
 
 def _hidden(run: Run) -> tuple[str, ...]:
+    """What a run hides: what its item says, else the names by which its messages were scored."""
     return (run.hidden,) if run.hidden else run.messages
 
 
 def _notes_on_messages(others: Mapping[str, str]) -> list[str]:
+    """Why the paper's figures are missing on these captures; empty without any."""
     pairs = " and ".join(f"{other} in {capture_title(capture)}" for capture, other in others.items())
     return [f"The paper hides {pairs}; its message is another picture there and not compared."] if others else []
 

@@ -6,9 +6,6 @@ By Kerckhoffs's principle, an attacker knows the method, and lacks only the key 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Protocol, runtime_checkable
-
 import numpy as np
 import torch
 from jaxtyping import Float
@@ -17,7 +14,7 @@ from torch import Tensor
 from pipeline.errors import UserError
 from stages.analysis.secrecy.observing import Observed
 from stages.hiding.coupled import FEATURES, CoupledFeatures
-from stages.hiding.method import Method, build_method
+from stages.hiding.method import Method, ReadsRenders, build_method
 from stages.hiding.method_names import module_of
 from stages.hiding.rendering import COVER
 
@@ -27,17 +24,9 @@ WRONG_SEEDS = 1_000_000
 """The first seed of wrong decoders. Trainings have small seeds, and a decoder started from one would not be wrong."""
 
 
-@runtime_checkable
-class ReadsPictures(Protocol):
-    """A method whose message decoder reads the cover's picture, as that of 3DGS+Decoder does."""
-
-    def read_off(self, picture: Float[Tensor, "H W 3"]) -> Mapping[str, Float[Tensor, "H W 3"]]:
-        """The messages, unclamped, in the order of their names in the method."""
-
-
 def refuse_unreadable(method: Method) -> None:
     """Raise `UserError` if a decoder of the method's messages cannot be given what someone else rendered (`read`)."""
-    if MESSAGE_DECODER in method.networks and not isinstance(method, CoupledFeatures | ReadsPictures):
+    if MESSAGE_DECODER in method.networks and not isinstance(method, CoupledFeatures | ReadsRenders):
         raise UserError(
             "the secrecy of this method's messages cannot be probed",
             where=module_of(method.name),
@@ -110,7 +99,7 @@ def pixels_beyond(reader: Method) -> int:
 
 def read(reader: Method, seen: Observed) -> Float[Tensor, "L H W 3"]:
     """The messages that the reader's message decoder shows in a view, unclamped, with gradients to its weights."""
-    if isinstance(reader, ReadsPictures):
+    if isinstance(reader, ReadsRenders):
         return torch.stack(list(reader.read_off(seen.rendering.pictures[COVER]).values()))
     assert isinstance(reader, CoupledFeatures), "refuse_unreadable refuses others"
     [channels] = reader.decoded([reader.networks[MESSAGE_DECODER]], seen.rendering, seen.camera)
