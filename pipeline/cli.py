@@ -27,6 +27,7 @@ from pipeline.console.console import (
     Settings,
     StageName,
     StageNames,
+    StageToAccept,
     StoreAddress,
     VarsFiles,
     WorkflowFile,
@@ -223,7 +224,7 @@ def explain(
 def accept(
     context: typer.Context,
     workflow: WorkflowFile,
-    stage: StageName,
+    stage: StageToAccept = None,
     settings: Settings = None,
     vars_files: VarsFiles = None,
     store: StoreAddress = "store",
@@ -231,42 +232,40 @@ def accept(
     as_json: Json = False,
     package: Package = "stages",
 ) -> None:
-    """Keeps the result of a stage after a code change that does not affect the result, such as a renamed variable.
+    """Keeps results after a code change that does not affect them, such as a renamed variable.
 
     \b
-    python -m pipeline accept workflows/hide_multi.yaml hide --dry-run
+    python -m pipeline accept workflows/hide_multi.yaml --dry-run
       hide: would be kept although code changed: stages.hiding.key (draw changed)
+      sealed: would be kept although code changed: stages.hiding.key (draw changed)
     python -m pipeline accept workflows/hide_multi.yaml message_splats[reef]
 
     Results are not kept if parameters, inputs, files or privacy changed; in a foreach, this concerns only the items
     that changed. Exit status 2 if nothing can be kept. Explanations and reports mention that a result was accepted.
     """
     with reported(store):
+        from pipeline.console.acceptwords import print_acceptances, print_refusals
         from pipeline.console.project import open_project
-        from pipeline.plan.accept import acceptances, keep, still_to_accept
+        from pipeline.plain_text import listed
+        from pipeline.plan.accept import acceptances, all_acceptances, keep, still_to_accept
         from pipeline.provenance import git_commit
 
-        project = open_project(workflow, store, settings or [], package, vars_files or [], make=False, stages=[stage])
-        found, refused = acceptances(project.graph, project.store, stage, git_commit(project.package_folder))
+        stages = [stage] if stage else []
+        project = open_project(workflow, store, settings or [], package, vars_files or [], make=False, stages=stages)
+        graph, results, commit = project.graph, project.store, git_commit(project.package_folder)
+        found, refused = (
+            acceptances(graph, results, stage, commit) if stage else (all_acceptances(graph, results, commit), [])
+        )
         if not dry_run and found:
-            keep(found, project.graph, project.store)
-        for each in found:
-            if as_json:
-                names = {"event": "accept", "name": each.name, "kept": not dry_run}
-                print(json.dumps({**names, "from": each.old, "key": each.record.key, "changes": each.changes}))
-            else:
-                kept = "would be kept" if dry_run else "kept"
-                print(f"{each.name}: {kept} although {'; '.join(each.changes)}")
-        for refusal in refused:
-            if as_json:
-                print(json.dumps({"event": "accept", "name": refusal.name, "kept": False, "refused": refusal.reasons}))
-            else:
-                print(refusal)
+            keep(found, graph, results)
+        print_acceptances(found, dry_run, as_json)
+        print_refusals(refused, as_json)
         if not found:
-            say(f"{stage}: cached; there is nothing to accept")
-        if not dry_run:
-            for name in still_to_accept(project.graph, project.store):
-                say(f"the code of {name} changed, too: {command_line_with(context, stage=name)}")
+            say(f"{stage or 'everything'}: cached; there is nothing to accept")
+        remaining = still_to_accept(graph, results) if not dry_run else []
+        if remaining:
+            command = command_line_with(context, stage=remaining[0] if len(remaining) == 1 else None)
+            say(f"the code of {listed(remaining)} changed, too: {command}")
 
 
 @app.command()

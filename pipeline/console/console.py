@@ -33,6 +33,15 @@ StageName = Annotated[
         metavar="STAGE", help="A stage, or one item of it.", show_default=False, autocompletion=complete_stage
     ),
 ]
+StageToAccept = Annotated[
+    str | None,
+    typer.Argument(
+        metavar="STAGE",
+        help="Only this stage, or one item of it.",
+        show_default=False,
+        autocompletion=complete_stage,
+    ),
+]
 StageNames = Annotated[
     list[str] | None,
     typer.Argument(
@@ -137,8 +146,11 @@ def command_line() -> str:
     return _typed(sys.argv[1:])
 
 
-def command_line_with(context: typer.Context, **others: str) -> str:
-    """The command that is being executed, with `others` in place of the values that were given for these parameters."""
+def command_line_with(context: typer.Context, **others: str | None) -> str:
+    """The command that is being executed, with `others` in place of the values that were given for these parameters.
+
+    A parameter whose other value is None is left out.
+    """
     words = [str(context.info_name)]
     for parameter in context.command.params:
         name = str(parameter.name)
@@ -146,6 +158,8 @@ def command_line_with(context: typer.Context, **others: str) -> str:
         if source is None or source.name != "COMMANDLINE":
             continue
         value = others.get(name, context.params[name])
+        if value is None:
+            continue
         option = [parameter.opts[0]] if parameter.param_type_name == "option" else []
         for each in value if isinstance(value, list | tuple) else [value]:
             words += option if each is True else [*option, str(each)]

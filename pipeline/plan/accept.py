@@ -61,24 +61,56 @@ def acceptances(graph: Graph, store: Store, stage: str, commit: str | None) -> t
     """
     part = graph.needed_for([stage])
     steps = make_plan(part, store)
-    digests: dict[Source, str | None] = {
-        Source(name, output): step.result.outputs.get(output) if step.result else None
-        for name, step in steps.items()
-        for output in part.nodes[name].declaration.outputs
-    }
-    found, refused = [], []
-    for name, step in steps.items():
-        if stage not in (name, name.partition("[")[0]) or step.state == "cached":
-            continue
-        record = store.find(step.before) if step.before else None
-        reasons = _reasons_against(step, record) or [*_misfits(part.nodes[name], record, store, digests)]
-        if reasons or record is None or step.key is None:
-            refused.append(Refusal(name, reasons))
-            continue
-        found.append(_acceptance(step, step.key, record, key_parts(part.nodes[name], digests), commit))
+    asked = [step for name, step in steps.items() if stage in (name, name.partition("[")[0]) and step.state != "cached"]
+    judged = _judged(asked, part, steps, store, commit)
+    found = [each for each in judged if isinstance(each, Acceptance)]
+    refused = [each for each in judged if isinstance(each, Refusal)]
     if refused and not found:
         raise CommandError("\n".join(map(str, refused)), remedy=_remedy(part, steps, refused))
     return found, refused
+
+
+def all_acceptances(graph: Graph, store: Store, commit: str | None) -> list[Acceptance]:
+    """What accepting all changes of code would keep, what others wait for first; empty if everything is cached.
+
+    Raises CommandError if something has to run, and nothing can be kept.
+    """
+    found: dict[str, Acceptance] = {}
+    while True:
+        # Only as if these were kept are the inputs of the next known.
+        steps = make_plan(graph, store, {key: acceptance.record for key, acceptance in found.items()})
+        judged = _judged([step for step in steps.values() if is_acceptable(step)], graph, steps, store, commit)
+        new = {each.record.key: each for each in judged if isinstance(each, Acceptance)}
+        if not new:
+            break
+        found |= new
+    if not found and any(step.state != "cached" for step in steps.values()):
+        raise CommandError(
+            "there is nothing to accept: no stage would run because of a code change alone",
+            remedy="`status` says why each would run.",
+        )
+    return [*found.values()]
+
+
+def _judged(
+    asked: Iterable[Step], graph: Graph, steps: Mapping[str, Step], store: Store, commit: str | None
+) -> list[Acceptance | Refusal]:
+    """What can be said of the earlier result of each of these steps."""
+    digests: dict[Source, str | None] = {
+        Source(name, output): step.result.outputs.get(output) if step.result else None
+        for name, step in steps.items()
+        for output in graph.nodes[name].declaration.outputs
+    }
+    judged: list[Acceptance | Refusal] = []
+    for step in asked:
+        node = graph.nodes[step.name]
+        record = store.find(step.before) if step.before else None
+        reasons = _reasons_against(step, record) or [*_misfits(node, record, store, digests)]
+        if reasons or record is None or step.key is None:
+            judged.append(Refusal(step.name, reasons))
+        else:
+            judged.append(_acceptance(step, step.key, record, key_parts(node, digests), commit))
+    return judged
 
 
 def _remedy(graph: Graph, steps: Mapping[str, Step], refused: Sequence[Refusal]) -> str:

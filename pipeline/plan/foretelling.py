@@ -21,7 +21,7 @@ def foretold(graph: Graph, steps: Mapping[str, Step]) -> Iterator[str]:
     """What a run would repeat only because code changed, and what unrepeatable results it may make anew."""
     code = [name for name, step in steps.items() if is_acceptable(step) and step.state != "refused"]
     if code:
-        kept = f"to keep the earlier results, stop this run and `accept` them ({code[0]} first), with the same settings"
+        kept = "to keep the earlier results, stop this run and `accept` the workflow, with the same settings"
         yield f"running again although only code changed: {listed(code, SHOWN)}; {kept}"
     unrepeatable = [name for name, node in graph.nodes.items() if node.unrepeatable and is_read(name, graph)]
     waiting = [name for name in unrepeatable if steps[name].state == "depends"]

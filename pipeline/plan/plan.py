@@ -81,16 +81,17 @@ class Known:
         return self._files[digest]
 
 
-def make_plan(graph: Graph, store: Store) -> dict[str, Step]:
-    """The steps of a run by node, in the order of the graph."""
+def make_plan(graph: Graph, store: Store, kept: Mapping[str, Record] | None = None) -> dict[str, Step]:
+    """The steps of a run by node, in the order of the graph, as if the records `kept` (by key) were in the store."""
     with without_collection():
-        return _Planner(graph, store).plan()
+        return _Planner(graph, store, kept or {}).plan()
 
 
 class _Planner:
-    def __init__(self, graph: Graph, store: Store) -> None:
+    def __init__(self, graph: Graph, store: Store, kept: Mapping[str, Record]) -> None:
         self.graph = graph
         self.store = store
+        self.kept = kept
         self.last = store.history.last(graph.workflow, graph.nodes.keys())
         self.kindred = Kindred(graph.workflow, store)
         self.actions = store.actions
@@ -168,13 +169,13 @@ class _Planner:
 
     def result(self, name: str, key: str, made: StageResult | None) -> StageResult | None:
         """What the action `key` made; None unless all of it is in the store."""
-        if key not in self.actions:
+        if key not in self.actions and key not in self.kept:
             return None
         # A later run that found the result cached took no time: how long it took to make is in the record.
         made_then = made is not None and made.state != "cached" and made.key == key
         if made is not None and made_then and self.objects.issuperset(made.outputs.values()):
             return made
-        record = self.store.record(key)
+        record = self.kept.get(key) or self.store.record(key)
         if record is None or not self.objects.issuperset(record.outputs.values()):
             return None
         return StageResult(name, "cached", key, record.outputs, record.seconds, record.private)

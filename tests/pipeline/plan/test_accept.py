@@ -136,6 +136,61 @@ def test_others_that_changed_too_are_named(session: Session) -> None:
     assert set(ran(session).values()) == {"cached"}
 
 
+def test_without_a_stage_all_changes_of_code_are_accepted(session: Session) -> None:
+    """What waits for another result is accepted after it; a dry run knows it beforehand and keeps nothing."""
+    ran(session)
+    before = {name: step.result.outputs for name, step in session.workspace.plan().items() if step.result}
+    for name in ("source", "transform", "merge"):
+        session.world.code[name].unused += 1
+    module = session.world.package
+    changed = [f"s0: {{}} although code changed: {module}.source (UNUSED_0 added)"]
+    changed += [f"s1: {{}} although code changed: {module}.transform (UNUSED_0 added)"]
+    changed += [f"s2: {{}} although code changed: {module}.merge (UNUSED_0 added)"]
+    status, said = call(session, "accept", "--dry-run")
+    assert (status, said.splitlines()) == (0, [line.format("would be kept") for line in changed])
+    assert session.workspace.plan()["s0"].state == "run"
+    status, said = call(session, "accept")
+    assert (status, said.splitlines()) == (0, [line.format("kept") for line in changed])
+    after = session.workspace.plan()
+    assert {name: step.result.outputs for name, step in after.items() if step.result} == before
+    assert set(ran(session).values()) == {"cached"}
+    assert call(session, "accept") == (0, "everything: cached; there is nothing to accept\n")
+
+
+def test_without_a_stage_what_was_asked_for_is_still_made_anew(session: Session) -> None:
+    ran(session)
+    session.world.code["source"].unused += 1
+    session.world.code["transform"].unused += 1
+    session.world.nodes[1].given["factor"] = 9
+    status, said = call(session, "accept", "--json")
+    assert (status, [json.loads(line)["name"] for line in said.splitlines()]) == (0, ["s0"])
+    assert {name: step.state for name, step in session.workspace.plan().items()} == {
+        "s0": "cached",
+        "s1": "run",
+        "s2": "depends",
+    }
+    status, said = call(session, "accept")
+    assert (status, "no stage would run because of a code change alone" in said) == (2, True)
+
+
+def test_several_that_changed_too_are_accepted_by_one_command(session: Session) -> None:
+    text = "stages:\n  s: {foreach: {base: [1, 2, 3]}, uses: source, with: {base: '${item.base}'}}\n"
+    prepare(session)
+    session.workspace.write(text).run()
+    session.world.code["source"].unused += 1
+    session.world.write()
+    session.workspace.write(text)
+    forget(session.world.package)
+    where = ["--store", str(session.workspace.folder / "store"), "--stages", session.workspace.package]
+    done = CliRunner().invoke(app, ["accept", str(session.workspace.file), "s[1]", *where])
+    (told,) = [line for line in done.output.splitlines() if "changed, too" in line]
+    names, _, command = told.partition(" changed, too: ")
+    assert names == "the code of s[2], s[3]"
+    assert shlex.split(command)[3:] == ["accept", str(session.workspace.file), *where]
+    assert CliRunner().invoke(app, shlex.split(command)[3:]).exit_code == 0
+    assert {step.state for step in session.workspace.plan().values()} == {"cached"}
+
+
 def test_an_item_that_changed_too_is_named_as_a_shell_takes_it(session: Session) -> None:
     """Without quotes, a shell takes brackets for a pattern of file names."""
     text = "stages:\n  s: {foreach: {base: [1, 2]}, uses: source, with: {base: '${item.base}'}}\n"
