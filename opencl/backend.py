@@ -16,6 +16,7 @@ from torch import Tensor
 
 from opencl.device import DEVICE_VARIABLE, Device, choose_device
 from opencl.memory import BufferMemory, Memory, SharedMemory
+from opencl.pool import WAY_OUT
 from opencl.program import ProgramKey, Schedule
 from opencl.staging import StagedMemory
 
@@ -118,12 +119,16 @@ class Backend:
     def session(self) -> Iterator[Session]:
         """Lock the backend for this thread, since setting a kernel's arguments is not thread-safe.
 
-        Raises RuntimeError in a process that was forked after the backend was created.
+        Raises RuntimeError in a process that was forked after the backend was created, and if the device finds only
+        when kernels are launched, or when they run, that it lacks memory or other resources.
         """
         if os.getpid() != self._process:
             raise RuntimeError("OpenCL was set up before this process was forked and would hang: start it by spawn")
-        with self._lock, self._launching() as session:
-            yield session
+        try:
+            with self._lock, self._launching() as session:
+                yield session
+        except pyopencl.MemoryError as error:  # not a RuntimeError of Python
+            raise RuntimeError(f"device {self.device.name}: {error}. {WAY_OUT}") from error
 
     @contextmanager
     def _launching(self) -> Iterator[Session]:

@@ -125,6 +125,7 @@ class _Convolve(torch.autograd.Function):
         return of_pictures, of_weight, of_bias, None
 
 
+@torch.autocast("cpu", enabled=False)
 def _at_points(weight: Float[Tensor, "D C 3 3"]) -> Float[Tensor, "36 C D"]:
     """G g Gᵀ for every filter g."""
     outputs, inputs = weight.shape[:2]
@@ -164,6 +165,7 @@ def _gradients_of_weights(
     return taps.view(3, 3, inputs, outputs).permute(3, 2, 1, 0), of_bias.clone()  # a view would keep all sums
 
 
+@torch.autocast("cpu", enabled=False)
 def _of_taps(at_points: Float[Tensor, "6 K V"]) -> Float[Tensor, "3 K V"]:
     """Apply Gᵀ along the first axis.
 

@@ -73,7 +73,7 @@ class Project(torch.autograd.Function):
             groups, group_size = launch_size(backend, count)
             session.launch(program, "project", groups, *sizes, *inputs, *outputs, group_size=group_size)
             (means2d,) = session.give(means2d)
-        ctx.save_for_backward(means, quats, scales, opacities, camera, radii, records)
+        ctx.save_for_backward(means, quats, scales, opacities, camera, records)
         ctx.backend, ctx.program = backend, program
         ctx.mark_non_differentiable(radii, depth_keys)
         ctx.set_materialize_grads(False)
@@ -82,9 +82,9 @@ class Project(torch.autograd.Function):
     @staticmethod
     @first_gradients_only
     def backward(ctx: Any, grad_means2d: Tensor | None, grad_records: Tensor | None, *_: None) -> tuple[Any, ...]:
-        means, quats, scales, opacities, camera, radii, records = ctx.saved_tensors
+        means, quats, scales, opacities, camera, records = ctx.saved_tensors
         memory, dtype = ctx.backend.memory, means.dtype
-        memory.refuse_copies(radii, records)
+        memory.refuse_copies(records)
         grad_means2d = (
             memory.zeros(len(means), 2, dtype=dtype) if grad_means2d is None else as_kernels_read(grad_means2d)
         )
@@ -97,7 +97,7 @@ class Project(torch.autograd.Function):
             groups, group_size = launch_size(ctx.backend, len(means))
             session.launch(
                 *(ctx.program, "project_backward", groups, len(means)),
-                *(means, quats, scales, opacities, camera, radii, records, grad_means2d, grad_records, *results),
+                *(means, quats, scales, opacities, camera, records, grad_means2d, grad_records, *results),
                 group_size=group_size,
             )
             results = session.give(*results)

@@ -198,8 +198,10 @@ class _Drawing:
         return feature_map, passes[0][1]
 
     def _depths(self, view: _View) -> Float[Tensor, "N 1"]:
-        pose = moved(view.world_to_camera, self.means.device)
-        return (self.means @ pose[2, :3] + pose[2, 3])[:, None]
+        # Not by a matrix product: its rounding depends on the number of threads, and autocast makes it half as precise.
+        forward = moved(view.world_to_camera, self.means.device)[2]
+        x, y, z = self.means.unbind(1)
+        return (x * forward[0] + y * forward[1] + z * forward[2] + forward[3])[:, None]
 
     def _parts(self, channels: Tensor, axis: int) -> Sequence[Tensor]:
         if channels.shape[axis] <= LARGEST_FEATURE_DIM:

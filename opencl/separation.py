@@ -86,7 +86,7 @@ class _Separation(torch.autograd.Function):
         of_layer, totals = added(sums).split([sizes.gradients, 2])
         of_readings = of_layer.view(-1, sizes.readings)[:channels, : pictures * each].T.reshape(readings.shape)
         ctx.save_for_backward(gradient, of_readings)
-        return slopes @ totals
+        return (slopes * totals).sum()  # autocast would round a product of vectors to half precision
 
     @staticmethod
     @first_gradients_only

@@ -98,7 +98,6 @@ class StagedMemory:
     def _keep(self, tensor: Tensor, on_host: bool, buffer: pyopencl.Buffer | None) -> None:
         storage = tensor.untyped_storage()
         with self._lock:
-            self._forget_gone()
             self._residents[storage._cdata] = _Resident(StorageWeakRef(storage), _version(tensor), on_host, buffer)
 
     def _forget_gone(self) -> None:
@@ -142,9 +141,11 @@ class StagedMemory:
 
         The pool keeps buffers for requests of about the same size. As sizes grow during a training, it would fill the
         device. It is therefore emptied when its total would exceed twice the most bytes ever in use at once. The pool
-        is bypassed if it would round the size up beyond the device's largest possible allocation.
+        is bypassed if it would round the size up beyond the device's largest possible allocation. Buffers of tensors
+        that are gone return to it first, or the largest would be held twice.
         """
         with room_on(self._context, size), self._lock:
+            self._forget_gone()
             if size <= self._largest < self._pool.alloc_size(self._pool.bin_number(size)):
                 self._pool.free_held()
                 return self._allocator(size)
@@ -213,17 +214,20 @@ class _PinnedCopies:
     def _free_area(self, turn: int) -> NDArray[np.uint8]:
         """One of the two areas in turn, after its previous copy has finished. Both stay mapped."""
         if not self._areas:
-            flags, access = pyopencl.mem_flags, pyopencl.map_flags
-            for _ in range(2):
-                pinned = pyopencl.Buffer(self._context, flags.READ_WRITE | flags.ALLOC_HOST_PTR, _PINNED_BYTES)
-                area, _mapped = pyopencl.enqueue_map_buffer(
-                    self._queue, pinned, access.READ | access.WRITE, 0, (_PINNED_BYTES,), np.dtype(np.uint8)
-                )
-                self._areas.append(area)
+            with room_on(self._context, _PINNED_BYTES):
+                self._areas = [self._mapped_area(), self._mapped_area()]
         event, self._events[turn % 2] = self._events[turn % 2], None
         if event is not None:
             event.wait()
         return self._areas[turn % 2]
+
+    def _mapped_area(self) -> NDArray[np.uint8]:
+        flags, access = pyopencl.mem_flags, pyopencl.map_flags
+        pinned = pyopencl.Buffer(self._context, flags.READ_WRITE | flags.ALLOC_HOST_PTR, _PINNED_BYTES)
+        area, _mapped = pyopencl.enqueue_map_buffer(
+            self._queue, pinned, access.READ | access.WRITE, 0, (_PINNED_BYTES,), np.dtype(np.uint8)
+        )
+        return area
 
 
 def _bytes_of(tensor: Tensor) -> NDArray[np.uint8]:

@@ -342,7 +342,6 @@ __kernel void project_backward(
     __global const REAL *scales,
     __global const REAL *opacities,
     __global const REAL *camera,
-    __global const int *radii,
     __global const REAL *records,
     __global const REAL *grad_means2d,
     __global const REAL *grad_records,

@@ -174,6 +174,16 @@ def test_the_same_bits_with_any_number_of_threads() -> None:
     assert printed_with_threads(BITS, 1) == printed_with_threads(BITS, 2)
 
 
+@pytest.mark.parametrize("half", [torch.float16, torch.bfloat16])
+def test_autocast_changes_nothing(half: torch.dtype) -> None:
+    """Kernels read weights of the type that they are compiled for, whatever torch makes of its own products."""
+    leaves = [tensor.detach().float().requires_grad_() for tensor in inputs(1, 16, 32, 9, 6)]
+    expected = with_gradients(convolve(*leaves), leaves)
+    with torch.autocast("cpu", dtype=half):
+        found = with_gradients(convolve(*leaves), leaves)
+    assert [*map(bits, found)] == [*map(bits, expected)]
+
+
 @pytest.mark.usefixtures("any_arrays")
 @pytest.mark.parametrize(
     ("values", "weight", "takes"),

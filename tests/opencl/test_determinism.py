@@ -15,7 +15,8 @@ from opencl.backend import Backend
 from opencl.contract import RasterOutput
 from opencl.device import choose_device
 from opencl.program import Schedule
-from opencl.rasterizer import _rasterize_on
+from opencl.rasterizer import _rasterize_on, rasterize
+from tests.opencl.runtimes import printed_with_threads
 from tests.opencl.scenes import Scene, gradients, make_scene
 
 GPU_ON_DEMAND = pytest.mark.parametrize("schedule", ["cpu", pytest.param("gpu", marks=pytest.mark.slow)])
@@ -73,3 +74,28 @@ def test_copies_give_the_same_bits_as_shared_memory(schedule):
         output, leaves = draw(backend, scene)
         results.append((output.features, output.radii, *gradients(output, leaves)))
     assert all(torch.equal(one, other) for one, other in zip(*results, strict=True))
+
+
+DEPTHS = """
+import torch
+from opencl.rasterizer import rasterize
+from tests.opencl.scenes import make_scene
+scene = make_scene(count=20011, feature_dim=1, width=260, height=180, size=0.01, dtype=torch.float32)
+turned = torch.eye(4)
+turned[:3, :3] = torch.linalg.matrix_exp(torch.tensor([[0.0, 0.1, 0.2], [-0.1, 0.0, 0.15], [-0.2, -0.15, 0.0]]))
+pose, *camera = scene.camera
+print(hash(rasterize(*scene.gaussians, turned @ pose, *camera, depth=True).depths.numpy().tobytes()))
+"""
+
+
+def test_depths_with_any_number_of_threads():
+    """Matrix products of torch round differently with another number."""
+    assert printed_with_threads(DEPTHS, 1) == printed_with_threads(DEPTHS, 3)
+
+
+def test_depths_under_autocast():
+    scene = make_scene(count=50, feature_dim=1, dtype=torch.float32)
+    expected = rasterize(*scene.gaussians, *scene.camera, depth=True).depths
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        found = rasterize(*scene.gaussians, *scene.camera, depth=True).depths
+    assert torch.equal(found, expected)

@@ -110,6 +110,20 @@ def test_pixels_of_each_gaussian_are_counted():
     assert (output.pixel_counts > 100).any()
 
 
+def test_radii_and_counts_may_be_changed_before_the_gradients_are_computed():
+    """No gradient depends on them: density control may keep its maximum in them."""
+    scene = make_scene(count=20)
+    leaves = tuple(tensor.clone().requires_grad_() for tensor in scene.gaussians)
+    found = []
+    for changes in (False, True):
+        output = rasterize(*leaves, *scene.camera, count_pixels=True)
+        if changes:
+            output.radii.clamp_(max=1)
+            output.pixel_counts.zero_()
+        found.append(torch.autograd.grad(output.features.square().sum(), leaves))
+    assert all(torch.equal(one, other) for one, other in zip(*found, strict=True))
+
+
 def test_a_batch_of_cameras_is_each_camera_by_itself():
     scene = make_scene(count=50, dtype=torch.float32)
     poses = torch.stack([scene.world_to_camera, scene.world_to_camera.clone(), scene.world_to_camera.clone()])

@@ -165,6 +165,15 @@ def test_the_same_bits_with_any_number_of_threads() -> None:
     assert printed_with_threads(BITS, 1) == printed_with_threads(BITS, 2)
 
 
+def test_autocast_changes_nothing() -> None:
+    features, directions, readings = (tensor.detach().float() for tensor in inputs(40, 16, 2, 7))
+    leaves = [features.requires_grad_(), readings.requires_grad_()]
+    expected = with_gradients(penalty(features, directions, readings), leaves)
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        found = with_gradients(penalty(features, directions, readings), leaves)
+    assert [*map(bits, found)] == [*map(bits, expected)]
+
+
 @pytest.mark.usefixtures("any_arrays")
 def test_what_does_not_fit_is_refused() -> None:
     features, directions, readings = inputs(4, 16, 2, 7)

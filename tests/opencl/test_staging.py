@@ -220,6 +220,59 @@ def test_no_room_on_the_device_is_named(staged, make, monkeypatch):
         make(memory)
 
 
+class WatchedPool:
+    """A pool that notes how many bytes are in use at each allocation."""
+
+    def __init__(self, pool):
+        self._pool, self.in_use = pool, []
+
+    def allocate(self, size):
+        self.in_use.append(self._pool.active_bytes)
+        return self._pool.allocate(size)
+
+    def __getattr__(self, name):
+        return getattr(self._pool, name)
+
+
+def test_buffers_of_what_is_gone_make_room_before_others_are_allocated(staged, monkeypatch):
+    """Otherwise the gradient rows of two cameras or passes, the largest of all buffers, would be held at once."""
+    memory = StagedMemory(staged.context, staged.queue)
+    watched = WatchedPool(memory._pool)
+    monkeypatch.setattr(memory, "_pool", watched)
+    for _ in range(3):
+        tensor = memory.empty(2**16, dtype=torch.uint8)
+        del tensor
+    assert watched.in_use == [0, 0, 0]
+
+
+def test_pinned_memory_that_was_refused_once_is_asked_for_again(staged, shared, monkeypatch):
+    """Half a pair of areas must not remain: every later copy would fail."""
+    backend = Backend(choose_device(), schedule=staged.schedule, shares_memory=False)
+    mapped, calls = backend.memory._pinned._mapped_area, []
+
+    def second_fails():
+        calls.append(1)
+        if len(calls) == 2:
+            raise pyopencl.MemoryError("clEnqueueMapBuffer", -4)
+        return mapped()
+
+    monkeypatch.setattr(staging, "_PINNED_BYTES", 1000)
+    monkeypatch.setattr(backend.memory._pinned, "_mapped_area", second_fails)
+    scene = make_scene(count=80, dtype=torch.float32)
+    with pytest.raises(RuntimeError, match=r"no room for 0\.00 GiB in one piece"):
+        draw(backend, scene)
+    assert torch.equal(draw(backend, scene).features, draw(shared, scene).features)
+
+
+def test_resources_that_are_missing_only_at_a_launch_are_a_runtime_error(staged):
+    error = pyopencl.MemoryError("clEnqueueNDRangeKernel", -5)
+    with (
+        pytest.raises(RuntimeError, match=r"device .*clEnqueueNDRangeKernel.*Take a smaller picture"),
+        staged.session(),
+    ):
+        raise error
+
+
 def test_buffers_of_what_grows_are_given_back(staged):
     """The size of gradient rows changes in each iteration: the pool would keep every size until the device is full."""
     memory = StagedMemory(staged.context, staged.queue)
