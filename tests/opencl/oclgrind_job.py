@@ -2,6 +2,7 @@
 
     python -m tests.opencl.oclgrind_job draw SCHEDULE FEATURE_DIM DTYPE
     python -m tests.opencl.oclgrind_job crowd SCHEDULE
+    python -m tests.opencl.oclgrind_job compare|color SCHEDULE
     python -m tests.opencl.oclgrind_job convolve|decode_pixels|separate|broken
 
 Oclgrind interprets kernels, so pictures are small. The broken kernels prove that its reports reach the test.
@@ -17,8 +18,11 @@ from torch import Tensor
 
 from opencl import convolution, pixel_decoder, separation
 from opencl.device import choose_device
+from opencl.harmonics import _Colors
 from opencl.program import Schedule
-from tests.opencl import test_convolution, test_pixel_decoder, test_separation
+from opencl.ssim import _MeanSsim
+from stages.imaging.ssim import ssim_map
+from tests.opencl import test_convolution, test_harmonics, test_pixel_decoder, test_separation, test_ssim
 from tests.opencl.differentiated import with_gradients
 from tests.opencl.runtimes import backend_of, draw_with_gradients, dtype_of
 from tests.opencl.scenes import Scene, gradients, make_scene
@@ -57,6 +61,24 @@ def print_error(schedule: Schedule, scene: Scene, **wishes: bool) -> None:
     for one, other in zip(found, gradients(expected, leaves), strict=True):
         errors.append(((one - other).norm() / other.norm()).item())
     print(max(errors))
+
+
+def compare(schedule: Schedule) -> None:
+    """Compare two small pictures by their structural similarity, both ways; print the error against torch."""
+    picture, truth = test_ssim.pair(2, 13, 25)
+    value, gradient = test_ssim.value_and_gradient(_MeanSsim.apply(backend_of(schedule), picture, truth), picture)
+    expected = test_ssim.value_and_gradient(ssim_map(picture, truth).mean(), picture)
+    print(largest_error([value, gradient], list(expected)))
+
+
+def color(schedule: Schedule) -> None:
+    """The same for colours of spherical harmonics, with one Gaussian in the last chunk."""
+    base, rest, means, centre = test_harmonics.inputs(33)
+    leaves = tuple(tensor.requires_grad_() for tensor in (base, rest, means))
+    found = _Colors.apply(backend_of(schedule), 3, *leaves, centre)
+    expected = test_harmonics.oracle(*leaves, centre, 3)
+    of_both = (test_harmonics.gradients(colors, leaves) for colors in (found, expected))
+    print(largest_error(*([colors, *each] for colors, each in zip((found, expected), of_both, strict=True))))
 
 
 def convolve() -> None:
@@ -116,6 +138,10 @@ if __name__ == "__main__":
         draw(chosen, int(sys.argv[3]), sys.argv[4])
     elif sys.argv[1] == "crowd":
         crowd(chosen)
+    elif sys.argv[1] == "compare":
+        compare(chosen)
+    elif sys.argv[1] == "color":
+        color(chosen)
     elif sys.argv[1] == "convolve":
         convolve()
     elif sys.argv[1] == "decode_pixels":

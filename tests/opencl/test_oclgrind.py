@@ -75,6 +75,14 @@ def test_batches_that_follow_each_other(oclgrind, schedule):
     assert float(printed) < 1e-4
 
 
+@pytest.mark.parametrize("schedule", ["gpu", pytest.param("cpu", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("job", ["compare", "color"])
+def test_similarities_and_harmonics(oclgrind, job, schedule):
+    printed, reports = oclgrind(job, schedule, **(AS_WRITTEN if schedule == "gpu" else {}))
+    assert reports == []
+    assert float(printed) < 1e-10
+
+
 @pytest.mark.parametrize("job", ["convolve", "decode_pixels", "separate"])
 def test_what_only_cpus_do(oclgrind, job):
     printed, reports = oclgrind(job)
