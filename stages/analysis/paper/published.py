@@ -83,7 +83,7 @@ class Published(_Model):
 
     def figure(self, row: Row | None, capture: str) -> float:
         """A row's figure for a capture; NaN without a row, or if the paper does not have the capture."""
-        name = Path(capture).name.casefold()
+        name = _named(capture)
         return row[self.captures.index(name)] if row is not None and name in self.captures else math.nan
 
     def other_message(self, capture: str, messages: Iterable[str]) -> str | None:
@@ -91,8 +91,13 @@ class Published(_Model):
 
         Figures of the paper's message then are of another picture than ours.
         """
-        hidden = self.messages.get(Path(capture).name.casefold())
-        return None if hidden in {Path(message).name.casefold() for message in messages} else hidden
+        hidden = self.messages.get(_named(capture))
+        return None if hidden in map(_named, messages) else hidden
+
+
+def _named(capture: str) -> str:
+    """A capture's name in the paper, given its folder here."""
+    return Path(capture).name.casefold()
 
 
 def average(row: Row | None) -> float:
