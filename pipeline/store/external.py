@@ -79,7 +79,15 @@ def contents_of(
         listed([path])
         return Contents(False, {path.name: digest_file(path)})
     except OSError as error:
-        raise UserError("cannot be read", where=error.filename or path, found=error.strerror) from error
+        raise UserError(
+            "cannot be read", where=error.filename or path, found=error.strerror, remedy=_way_out(error)
+        ) from error
+
+
+def _way_out(error: OSError) -> str:
+    if isinstance(error, PermissionError):
+        return "Give yourself the right to read it (chmod u+r; for a folder, u+rx), or take it out of there."
+    return "Check the path; if the file is there, replace it, or take it out of there."
 
 
 def _files_under(folder: Path) -> list[Path]:
@@ -90,7 +98,7 @@ def _files_under(folder: Path) -> list[Path]:
         # A link to a folder above, such as /, would otherwise come round only after everything in it.
         here = directory.resolve()
         if any(parent.resolve().is_relative_to(here) for parent in above):
-            raise UserError("a link leads back to a folder above it", where=directory)
+            raise UserError("a link leads back to a folder above it", where=directory, remedy="Remove the link.")
         files += [directory / file for file in names]
     for file in files:
         if not file.is_file():

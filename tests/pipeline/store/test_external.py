@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from pathlib import Path
 
@@ -65,8 +66,20 @@ def test_a_pipe_or_a_device_is_refused_not_waited_for(tmp_path: Path) -> None:
 
 
 def test_what_is_not_there_is_told_as_that(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match=r"cannot be read; found No such file"):
+    with pytest.raises(UserError, match=r"cannot be read; found No such file or directory. Check the path"):
         contents_of(tmp_path / "nowhere")
+
+
+def test_what_one_may_not_read_is_told_with_a_way_out(tmp_path: Path) -> None:
+    photo = tmp_path / "photos" / "a.png"
+    photo.parent.mkdir()
+    photo.write_bytes(b"a")
+
+    def refused(path: Path) -> str:
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    with pytest.raises(UserError, match=f"{photo}: cannot be read; found Permission denied. Give yourself the right"):
+        contents_of(photo.parent, refused)
 
 
 def test_the_digest_is_of_names_and_bytes(tmp_path: Path) -> None:
