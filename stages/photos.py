@@ -198,10 +198,8 @@ def _poses(
         return None, tuple(facts)
     sizes = {name: one.size for name, one in facts.items()}
     resized = parameters.images is not None
-    if place is not None:
-        source, posed, missing = read_poses(place, sizes, resized)
-    else:
-        (source, posed), missing = read_split_poses(splits, sizes), []
+    read = read_poses(place, sizes, resized) if place is not None else read_split_poses(splits, sizes)
+    source, posed, missing = read
     points = None if place is None else known_points(place, posed, parameters.folder)
     poses, names = known_poses(source, posed, points), tuple(photo.name for photo in posed)
     refuse_far_poses(poses.world_to_camera, place or parameters.folder)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import struct
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -153,8 +153,14 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
                 yield number, text
 
 
-def points_seen_by(points: ModelPoints, photos: Sequence[int]) -> KnownPoints | None:
-    """The points that at least one of these photos (distinct image ids) sees; None if they see none."""
+def points_seen_by(
+    points: ModelPoints, photos: Sequence[int], project: Callable[[Float64[np.ndarray, "P 3"]], Int64[np.ndarray, " V"]]
+) -> KnownPoints | None:
+    """The points that at least one of these photos (distinct image ids) sees; None if there are none.
+
+    Points of which the model lists no view at all, as programs write that do not match photos, are among them. Of
+    these, `project` says how many each photo sees.
+    """
     numbers = np.array(photos, np.int64)
     ascending = np.argsort(numbers)
     places = np.searchsorted(numbers, points.photos, sorter=ascending).clip(max=len(numbers) - 1)
@@ -162,15 +168,15 @@ def points_seen_by(points: ModelPoints, photos: Sequence[int]) -> KnownPoints | 
     known = numbers[rows] == points.photos
     seen = np.repeat(np.arange(len(points.positions)), points.views)[known]
     views = np.bincount(seen, minlength=len(points.positions))
-    kept = views > 0
+    unlisted = points.views == 0
+    kept = (views > 0) | unlisted
     if not kept.any():
         return None
     once = np.unique(seen * len(numbers) + rows[known])  # a photo may see a point in two places
-    measured = kept & (points.errors >= 0) & (points.errors <= LARGEST_ERROR)
+    measured = (views > 0) & (points.errors >= 0) & (points.errors <= LARGEST_ERROR)
     error = float(np.average(points.errors[measured], weights=views[measured])) if measured.any() else None
-    return KnownPoints(
-        points.positions[kept], points.colors[kept], np.bincount(once % len(numbers), minlength=len(numbers)), error
-    )
+    counts = np.bincount(once % len(numbers), minlength=len(numbers)) + project(points.positions[unlisted])
+    return KnownPoints(points.positions[kept], points.colors[kept], counts, error)
 
 
 _READERS = {".bin": _binary_points, ".txt": _text_points}

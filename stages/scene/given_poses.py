@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from unicodedata import normalize
 
@@ -14,11 +15,11 @@ from pipeline.errors import UserError
 from pipeline.plain_text import in_a_line
 from stages.scene.capture import KnownPoses, PoseSource
 from stages.scene.colmap import PosedPhoto, find_colmap_model, read_colmap_model
-from stages.scene.colmap_points import points_seen_by, read_colmap_points
+from stages.scene.colmap_points import PART, points_seen_by, read_colmap_points
 from stages.scene.known_points import KnownPoints
 from stages.scene.lens import Lens
 from stages.scene.photo_folder import what_is_there
-from stages.scene.ply_points import points_of_transforms
+from stages.scene.ply_points import points_of_ply, points_of_transforms, seen_by_projection
 from stages.scene.transforms import FILE, read_transforms
 
 ASPECT_TOLERANCE = 0.01
@@ -144,14 +145,16 @@ def known_poses(source: PoseSource, posed: Sequence[PosedPhoto], points: KnownPo
 def known_points(place: Path, posed: Sequence[PosedPhoto], folder: Path) -> KnownPoints | None:
     """The points that came with the poses at `place`; None if there are none.
 
-    Of a COLMAP model, those that the `posed` photos see; of a transforms.json, those it names within `folder`. Raises
-    `UserError` for points that cannot be read, and if two photos share an image id.
+    Of a COLMAP model, those that the `posed` photos see, or all in a points3D.ply if it has no other file of points;
+    of a transforms.json, those it names within `folder`. Raises `UserError` for points that cannot be read, and if two
+    photos share an image id.
     """
     if not place.is_dir():
         return points_of_transforms(place, posed, folder)
     points = read_colmap_points(place)
     if points is None:
-        return None
+        ply = place / f"{PART}.ply"
+        return points_of_ply(ply, posed) if ply.is_file() else None
     numbers = [photo.number for photo in posed if photo.number is not None]
     number, times = Counter(numbers).most_common(1)[0]
     if times > 1:
@@ -161,4 +164,4 @@ def known_points(place: Path, posed: Sequence[PosedPhoto], folder: Path) -> Know
             expected="a number for each photo, by which the model's points name those that see them",
             remedy="Export the model again, or take its points out of the folder to have them triangulated anew.",
         )
-    return points_seen_by(points, numbers)
+    return points_seen_by(points, numbers, partial(seen_by_projection, posed))

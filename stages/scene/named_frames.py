@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from unicodedata import normalize
 
 from pipeline.errors import UserError
+from stages.scene.given_poses import MOST
 from stages.scene.photo_folder import SUFFIXES, PhotoFolder, find_photos, named_photos
 from stages.scene.transforms import frame_files
 
@@ -15,9 +17,9 @@ from stages.scene.transforms import frame_files
 def find_posed_photos(folder: Path, file: Path) -> PhotoFolder:
     """The photos of a `folder` whose poses are in the transforms.json `file`.
 
-    These are what `find_photos` finds, unless all photos that the frames name exist and some are not among them: they
-    may be in a folder of any name, such as undistorted ones beside the originals. Raises `UserError` as `find_photos`
-    does.
+    These are what `find_photos` finds, unless most photos that the frames name exist (`MOST` of them, as for any poses)
+    and some are not among these: they may be in a folder of any name, such as undistorted ones beside the originals.
+    Raises `UserError` as `find_photos` does.
     """
     named = _named(folder, file)
     try:
@@ -33,12 +35,22 @@ def find_posed_photos(folder: Path, file: Path) -> PhotoFolder:
 
 
 def _named(folder: Path, file: Path) -> dict[str, Path]:
-    """The photos of all frames by file name, sorted; empty unless all of them exist."""
-    try:
-        photos = list(dict.fromkeys(photo_of_frame(folder, file, frame) for frame in frame_files(file)))
-    except UserError:  # most often, paths on the machine that wrote the file
-        return {}
-    return under_one_folder(photos)
+    """The photos of all frames by file name, sorted; empty unless most of them exist.
+
+    None do if the paths are those of the machine that wrote the file.
+    """
+    frames = dict.fromkeys(frame_files(file))
+    photos = photos_there(folder, file, frames)
+    return under_one_folder(photos) if len(photos) >= MOST * len(frames) else {}
+
+
+def photos_there(folder: Path, file: Path, frames: Iterable[str]) -> list[Path]:
+    """The photos that exist of those that frames of `file` name, in this order, each once."""
+    photos: dict[Path, None] = {}
+    for frame in frames:
+        with suppress(UserError):
+            photos[photo_of_frame(folder, file, frame)] = None
+    return [*photos]
 
 
 def under_one_folder(photos: Sequence[Path]) -> dict[str, Path]:

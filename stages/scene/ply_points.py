@@ -30,14 +30,24 @@ def points_of_transforms(path: Path, posed: Sequence[PosedPhoto], folder: Path) 
     occlusion. Raises `UserError` for a file that cannot be read.
     """
     named = points_file(path)
-    file = (path.parent / named).resolve() if named else None
-    if file is None or not file.is_file() or not file.is_relative_to(folder.resolve()):
+    file = _inside(path.parent / named, folder) if named else None
+    return None if file is None else points_of_ply(file, posed)
+
+
+def _inside(path: Path, folder: Path) -> Path | None:
+    """The file at `path` if there is one within `folder`; a hostile file of poses may name anything."""
+    try:
+        file = path.resolve()
+        return file if file.is_file() and file.is_relative_to(folder.resolve()) else None
+    except (OSError, ValueError, RuntimeError):  # too long, a null byte, or links that lead round in a circle
         return None
+
+
+def points_of_ply(file: Path, posed: Sequence[PosedPhoto]) -> KnownPoints | None:
+    """The points of a PLY in the world of these photos, as `points_of_transforms` reads them; None if it has none."""
     ply = read_ply(file)
     positions, colors = _positions(ply), _colors(ply)
-    if not len(positions):
-        return None
-    return KnownPoints(positions, colors, _seen(posed, positions), None)
+    return KnownPoints(positions, colors, seen_by_projection(posed, positions), None) if len(positions) else None
 
 
 def _positions(ply: Ply) -> Float64[np.ndarray, "P 3"]:
@@ -80,8 +90,9 @@ def _vertices(ply: Ply, names: Sequence[str], types: Sequence[np.dtype]) -> np.n
     return rows
 
 
-def _seen(posed: Sequence[PosedPhoto], positions: Float64[np.ndarray, "P 3"]) -> Int64[np.ndarray, " V"]:
-    every = -(-len(positions) // COUNTED)
+def seen_by_projection(posed: Sequence[PosedPhoto], positions: Float64[np.ndarray, "P 3"]) -> Int64[np.ndarray, " V"]:
+    """About how many of the points project into the picture of each photo. Zeros if there are no points."""
+    every = max(1, -(-len(positions) // COUNTED))
     sample = positions[::every]
     return np.array([every * _within(photo, sample) for photo in posed], np.int64).clip(max=len(positions))
 

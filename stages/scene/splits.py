@@ -14,7 +14,7 @@ from pathlib import Path
 from stages.scene.capture import PoseSource
 from stages.scene.colmap import PosedPhoto
 from stages.scene.given_poses import read_poses
-from stages.scene.named_frames import photo_of_frame, under_one_folder
+from stages.scene.named_frames import photo_of_frame, photos_there, under_one_folder
 from stages.scene.photo_folder import PhotoFolder, refuse_unwritten_names
 from stages.scene.transforms import frame_files
 
@@ -24,22 +24,27 @@ TRAIN, TEST = "train", "test"
 def find_splits(folder: Path) -> dict[str, Path]:
     """The file of poses of each split of a capture; empty if it has none for training.
 
-    A test split without frames is left out. Raises `UserError` if its file cannot be read.
+    A test split of which no photo exists is left out: BlenderNeRF writes its cameras without rendering them. Raises
+    `UserError` if its file cannot be read.
     """
     files = {split: folder / f"transforms_{split}.json" for split in (TRAIN, TEST)}
     if not files[TRAIN].is_file():
         return {}
-    return {TRAIN: files[TRAIN]} | ({TEST: files[TEST]} if files[TEST].is_file() and frame_files(files[TEST]) else {})
+    if files[TEST].is_file() and photos_there(folder, files[TEST], frame_files(files[TEST])):
+        return files
+    return {TRAIN: files[TRAIN]}
 
 
 def find_split_photos(folder: Path, splits: Mapping[str, Path]) -> PhotoFolder:
     """The photos that the splits' frames name, with or without extension, and no others.
 
-    Raises `UserError` if one is missing or outside `folder`, where it could change unseen, and as `named_photos` does.
+    Raises `UserError` if all of a split are missing, or outside `folder`, where they could change unseen, and as
+    `named_photos` does.
     """
     photos: dict[str, Path] = {}
     for split, file in splits.items():
-        own = list(dict.fromkeys(photo_of_frame(folder, file, frame) for frame in frame_files(file)))
+        frames = frame_files(file)
+        own = photos_there(folder, file, frames) or [photo_of_frame(folder, file, frame) for frame in frames[:1]]
         photos |= {f"{split}_{name}": photo for name, photo in under_one_folder(own).items()}
     refuse_unwritten_names(folder, photos)
     return PhotoFolder(dict(sorted(photos.items())), 0)
@@ -47,11 +52,14 @@ def find_split_photos(folder: Path, splits: Mapping[str, Path]) -> PhotoFolder:
 
 def read_split_poses(
     splits: Mapping[str, Path], sizes: Mapping[str, tuple[int, int]]
-) -> tuple[PoseSource, list[PosedPhoto]]:
-    """The poses of all splits under the names in `sizes`, sorted. Raises `UserError` as `read_poses` does."""
+) -> tuple[PoseSource, list[PosedPhoto], list[str]]:
+    """What `read_poses` returns of each split, together, under the names in `sizes`; raises `UserError` as it does."""
     posed: list[PosedPhoto] = []
+    missing: list[str] = []
     for split, file in splits.items():
         before = f"{split}_"
         own = {name.removeprefix(before): size for name, size in sizes.items() if name.startswith(before)}
-        posed += [replace(photo, name=before + photo.name) for photo in read_poses(file, own)[1]]
-    return "transforms", sorted(posed, key=lambda photo: photo.name)
+        _, of_split, missing_of_split = read_poses(file, own)
+        posed += [replace(photo, name=before + photo.name) for photo in of_split]
+        missing += missing_of_split
+    return "transforms", sorted(posed, key=lambda photo: photo.name), missing

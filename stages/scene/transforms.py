@@ -29,10 +29,12 @@ DISTORTIONS = {
     "OPENCV_FISHEYE": ("k1", "k2", "k3", "k4"),
 }
 """Distortion parameters of the supported camera models, in COLMAP's order."""
+OTHER_LENSES = ("latlong", "equirectangular", "ftheta_p0")
+"""Keys by which instant-ngp states a lens that has no pinhole's focal length."""
 INTRINSICS = frozenset(
     (
         *("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y", "x_fov", "y_fov"),
-        *("camera_model", "is_fisheye", "k1", "k2", "k3", "k4", "p1", "p2"),
+        *("camera_model", "is_fisheye", "k1", "k2", "k3", "k4", "p1", "p2", *OTHER_LENSES),
     )
 )
 """Keys that the file may state for all frames, or per frame."""
@@ -46,10 +48,11 @@ def read_transforms(
 ) -> list[PosedPhoto]:
     """The file's frames as posed photos, sorted by name; `size_of(name)` gives width and height if the file does not.
 
-    Intrinsics may be global or per frame: `fl_x`, `camera_angle_x` or `x_fov`, likewise for y, `cx`, `cy`, `k1` to
-    `k4`, `p1`, `p2`, and `camera_model` or `is_fisheye`. A photo's name is its `file_path`, with or without extension.
-    If photos are `resized`, intrinsics in pixels require `w` and `h`, as the photos' sizes do not tell what they refer
-    to. Raises `UserError` for an unreadable file, and for a frame, which it names, without a usable pose or intrinsics.
+    Intrinsics may be global or per frame: `fl_x`, `camera_angle_x` or `x_fov`, likewise for y (one of both axes is
+    enough), `cx`, `cy`, `k1` to `k4`, `p1`, `p2`, and `camera_model` or `is_fisheye`. A photo's name is its
+    `file_path`, with or without extension. If photos are `resized`, intrinsics in pixels require `w` and `h`, as the
+    photos' sizes do not tell what they refer to. Raises `UserError` for an unreadable file, and for a frame, which it
+    names, without a usable pose or intrinsics.
     """
     content = _content(path)
     shared = {name: content[name] for name in INTRINSICS & content.keys()}
@@ -148,10 +151,12 @@ def _pose(matrix: object) -> Float64[np.ndarray, "4 4"]:
 
 def _lens(given: Mapping[str, Any], size: Callable[[], tuple[int, int]]) -> Lens:
     width, height = (int(given["w"]), int(given["h"])) if "w" in given and "h" in given else size()
+    down = _focal_length(given, "y", height)
     across = _focal_length(given, "x", width)
+    across = down if across is None else across  # instant-ngp, too, takes either for both
     if across is None:
         raise KeyError("fl_x or camera_angle_x")
-    down = _focal_length(given, "y", height) or across
+    down = down or across
     centre = (float(given.get("cx", width / 2)), float(given.get("cy", height / 2)))
     model, distortion = _distortion(given)
     return Lens(model, (across, down, *centre, *distortion), width, height)
@@ -159,7 +164,8 @@ def _lens(given: Mapping[str, Any], size: Callable[[], tuple[int, int]]) -> Lens
 
 def _distortion(given: Mapping[str, Any]) -> tuple[str, list[float]]:
     """COLMAP's model with two focal lengths, and its distortion parameters, zero where not given."""
-    stated = given.get("camera_model", "OPENCV_FISHEYE" if given.get("is_fisheye") else "OPENCV")
+    other = next((name for name in OTHER_LENSES if given.get(name, False) is not False), None)
+    stated = other or given.get("camera_model", "OPENCV_FISHEYE" if given.get("is_fisheye") else "OPENCV")
     if stated not in DISTORTIONS:
         raise ValueError(f"camera_model {stated}; known are {', '.join(DISTORTIONS)}")
     values = {name: float(given.get(name, 0)) for name in ("k1", "k2", "k3", "k4", "p1", "p2")}

@@ -92,7 +92,7 @@ class Published(_Model):
         Figures of the paper's message then are of another picture than ours.
         """
         hidden = self.messages.get(_named(capture))
-        return None if hidden in map(_named, messages) else hidden
+        return None if hidden in {_named(message) for message in messages} else hidden
 
 
 def _named(capture: str) -> str:

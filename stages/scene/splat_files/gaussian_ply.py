@@ -67,4 +67,4 @@ def names_of_rest(path: Path, found: Sequence[str]) -> list[str]:
 
 def by_harmonic(rest: Float[np.ndarray, "N columns"]) -> Float[np.ndarray, "N columns//3 3"]:
     """From all harmonics of each channel together, as in files, to the three channels of each harmonic together."""
-    return rest.reshape(len(rest), 3, -1).transpose(0, 2, 1) if rest.shape[1] else np.empty((len(rest), 0, 3))
+    return rest.reshape(len(rest), 3, rest.shape[1] // 3).transpose(0, 2, 1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import tracemalloc
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -64,11 +65,16 @@ def test_both_forms_are_read_to_the_last_bit_and_in_order(tmp_path: Path, write)
     assert points.photos.tolist() == [2, 1, 1, 1, 9, 2]
 
 
+def unseen(photos: int) -> Callable[[np.ndarray], np.ndarray]:
+    """A projection by which no photo sees any point."""
+    return lambda positions: np.zeros(photos, np.int64)
+
+
 @pytest.mark.parametrize("write", [write_binary_points, write_text_points])
 def test_no_points_are_none(tmp_path: Path, write) -> None:
     path = write(tmp_path, [])
     assert len(read(tmp_path).positions) == 0
-    assert points_seen_by(read(tmp_path), [1, 2]) is None
+    assert points_seen_by(read(tmp_path), [1, 2], unseen(2)) is None
     path.unlink()
     assert read_colmap_points(tmp_path) is None
 
@@ -80,24 +86,44 @@ def test_points_in_another_form_than_the_model_are_not_its_own(tmp_path: Path) -
 
 
 def test_only_what_the_photos_see_counts(tmp_path: Path) -> None:
-    """Photo 1 sees the second point twice, nobody sees the third, and photo 9 is not among the first two given."""
-    write_binary_points(tmp_path)
-    both = points_seen_by(read(tmp_path), [2, 1])
+    """Photo 1 sees the second point twice, and photo 9 is not among the first two given."""
+    write_binary_points(tmp_path, [point for point in POINTS if point[-1]])
+    both = points_seen_by(read(tmp_path), [2, 1], unseen(2))
     assert both is not None
     np.testing.assert_array_equal(both.positions, [POINTS[row][1] for row in (0, 1, 3)])
     np.testing.assert_array_equal(both.colors, [POINTS[row][2] for row in (0, 1, 3)])
     assert both.seen.tolist() == [2, 2]
     assert both.error == pytest.approx((2 * 0.25 + 2 * 1.5 + 0.75) / 5)
-    last = points_seen_by(read(tmp_path), [9])
+    last = points_seen_by(read(tmp_path), [9], unseen(1))
     assert last is not None
     assert (last.positions.tolist(), last.seen.tolist(), last.error) == ([[1e-7, 1 / 3, 0.0]], [1], 1.5)
-    assert points_seen_by(read(tmp_path), [4, 10]) is None
+    assert points_seen_by(read(tmp_path), [4, 10], unseen(2)) is None
+
+
+def test_points_of_which_no_view_is_listed_count_by_projection(tmp_path: Path) -> None:
+    """Programs that match no photos, such as those that start from laser scans, list none."""
+    write_binary_points(tmp_path)
+    (third,) = (point[1] for point in POINTS if not point[-1])
+    projected: list[list[float]] = []
+
+    def project(positions: np.ndarray) -> np.ndarray:
+        projected.extend(positions.tolist())
+        return np.array([0, 1])
+
+    found = points_seen_by(read(tmp_path), [4, 2], project)
+    assert found is not None
+    assert projected == [list(third)]
+    assert list(third) in found.positions.tolist()
+    assert found.seen.tolist() == [0, 1 + sum(any(view[0] == 2 for view in point[-1]) for point in POINTS)]
+    alone = points_seen_by(read(tmp_path), [4, 10], project)
+    assert alone is not None
+    assert (alone.positions.tolist(), alone.error) == ([list(third)], None)
 
 
 @pytest.mark.parametrize("error", [-1.0, np.nan, np.inf, 1.7e308])
 def test_an_error_that_nobody_measured_is_unknown(tmp_path: Path, error: float) -> None:
     write_binary_points(tmp_path, [(1, (0.0, 0.0, 0.0), (0, 0, 0), error, [(1, 0)])])
-    points = points_seen_by(read(tmp_path), [1])
+    points = points_seen_by(read(tmp_path), [1], unseen(1))
     assert points is not None
     assert points.error is None
 

@@ -22,6 +22,7 @@ from stages.scene.capture import KnownPoses, picture_path, read_capture, write_c
 from stages.scene.drawn_depths import AMPLE
 from stages.scene.known_points import KnownPoints
 from stages.scene.lens import Lens
+from stages.scene.ply.writing import write_ply
 from stages.scene.scene import read_scene
 from stages.scene.world_scale import world_scale_of
 from stages.sfm import SfmParameters, points_to_keep
@@ -116,6 +117,25 @@ def test_the_points_of_a_model_are_those_of_the_scene(
     assert set(recorded["seconds_of_phases"].values()) == {0.0}  # type: ignore[union-attr]  # an object
     assert not any(line.startswith(("features", "matching", "mapping")) for line in log)
     assert not list((tmp_path / "out").rglob("*.db"))
+
+
+def test_a_model_with_a_ply_for_its_points(truth: Cameras, positions: np.ndarray, tmp_path: Path) -> None:
+    """Programs that match no photos write one for 3DGS, which reads it before any other."""
+    for name, picture in zip(NAMES, photograph(truth), strict=True):
+        (tmp_path / "photos" / "images").mkdir(parents=True, exist_ok=True)
+        (tmp_path / "photos" / "images" / name).write_bytes(encode_png(picture))
+    model = tmp_path / "photos" / "sparse" / "0"
+    write_model(model, truth, [], "binary")
+    (model / "points3D.bin").unlink()
+    axes = {axis: positions[:, row].astype(np.float32) for row, axis in enumerate("xyz")}
+    colors = {name: np.full(len(positions), 90, np.uint8) for name in ("red", "green", "blue")}
+    write_ply(model / "points3D.ply", axes | colors)
+    made = run_stage(photos, PhotosParameters(folder=tmp_path / "photos"), {}, tmp_path / "out")["capture"]
+    poses = read_capture(made).poses
+    assert poses is not None
+    assert poses.points is not None
+    np.testing.assert_allclose(poses.points.positions, positions, rtol=1e-6)
+    assert (poses.points.seen > 0.5 * len(positions)).all()
 
 
 def given(truth: Cameras, points: KnownPoints | None, directory: Path, lenses: tuple[Lens, ...] = ()) -> Artifact:

@@ -70,6 +70,26 @@ def test_undistorted_photos_come_before_the_originals_of_the_same_names(
     assert recorded["left_out"] == 2
 
 
+@pytest.mark.parametrize(("thrown_away", "first"), [(1, "undistorted"), (2, "images")])
+def test_an_undistorted_photo_that_was_thrown_away_is_not_replaced_by_its_original(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, thrown_away: int, first: str
+) -> None:
+    """Only if many are missing are the named photos other ones, as of another machine."""
+    recorded: dict[str, Json] = {}
+    monkeypatch.setattr(Context, "record", lambda context, **facts: recorded.update(facts))
+    scan, names = tmp_path / "scan", [f"{number}.jpg" for number in range(5)]
+    for name in names:
+        take(scan / "images" / name)
+        take(scan / "undistorted" / name)
+    posed(scan, *(f"undistorted/{name}" for name in names))
+    for name in names[1 : 1 + thrown_away]:
+        (scan / "undistorted" / name).unlink()
+    made = capture(scan, tmp_path / "out")
+    kept = [name for name in names if (scan / first / name).exists()]
+    assert bytes_of(made) == [(scan / first / name).read_bytes() for name in kept]
+    assert recorded["without_photo"] == len(names) - len(kept)
+
+
 def test_photos_elsewhere_than_the_frames_say_are_found_by_their_names(tmp_path: Path) -> None:
     """For instance if the file was written on another machine, or names only some of the photos."""
     scan = tmp_path / "scan"

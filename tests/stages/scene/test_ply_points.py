@@ -89,7 +89,7 @@ def test_points_without_colours_are_grey(tmp_path: Path) -> None:
     assert (poses.points.colors == GREY).all()
 
 
-@pytest.mark.parametrize("named", [None, "missing.ply", "../outside.ply", "images"])
+@pytest.mark.parametrize("named", [None, "missing.ply", "../outside.ply", "images", "a\0b.ply", 5000 * "a"])
 def test_a_file_that_is_not_in_the_folder_is_none(tmp_path: Path, named: str | None) -> None:
     folder = capture_folder(tmp_path / "captured", named)
     write_ply(tmp_path / "outside.ply", columns(positions()))

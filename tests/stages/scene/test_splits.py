@@ -72,6 +72,28 @@ def test_splits_whose_photos_would_be_called_the_same_are_refused(tmp_path: Path
     expect_refusal(folder, tmp_path / "twice", "far_0.png is posed twice")
 
 
+def test_a_test_split_whose_photos_were_never_made_is_none(tmp_path: Path) -> None:
+    """BlenderNeRF writes the cameras of its test split, and renders the training split only."""
+    folder = tmp_path / "scene"
+    nerf_synthetic(folder, train=["r_0", "r_1"])
+    write_split(folder, "test", ["test/0001.png", "test/0002.png"])
+    made = capture(folder, tmp_path / "out")
+    assert read_capture(made).names == ("train_r_0.png", "train_r_1.png")
+    assert "test_names" not in made.attributes
+
+
+def test_few_photos_of_a_split_that_are_missing_are_left_out(tmp_path: Path) -> None:
+    folder = tmp_path / "lego"
+    nerf_synthetic(folder, train=["r_0", "r_1", "r_2", "r_3"], test=["r_0"])
+    (folder / "train" / "r_2.png").unlink()
+    log: list[str] = []
+    found = read_capture(capture(folder, tmp_path / "out", log))
+    assert found.names == ("test_r_0.png", "train_r_0.png", "train_r_1.png", "train_r_3.png")
+    assert any(line.endswith("left out, such as ./train/r_2") or "left out, such as train/r_2" in line for line in log)
+    (folder / "train" / "r_3.png").unlink()
+    expect_refusal(folder, tmp_path / "again", "transforms_train.json", "do not exist", "2 of 4")
+
+
 def test_names_that_the_split_makes_too_long_are_refused(tmp_path: Path) -> None:
     folder = tmp_path / "rig"
     paths = [f"train/{'a' * 120}/{'b' * 124}/r_0", "train/c/r_0"]

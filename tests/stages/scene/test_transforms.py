@@ -66,6 +66,12 @@ def test_a_frames_own_intrinsics_come_first(tmp_path: Path) -> None:
     assert (second.lens.width, second.lens.height) == (50, 40)
 
 
+@pytest.mark.parametrize("given", [{"fl_y": 90.0}, {"camera_angle_y": 2 * math.atan(20 / 90)}])
+def test_a_focal_length_along_one_axis_is_that_of_both(tmp_path: Path, given: dict[str, float]) -> None:
+    path = write(tmp_path, [{"file_path": "a.png", "transform_matrix": MATRIX}], w=50, h=40, **given)
+    assert read_transforms(path, size_of)[0].lens.parameters[:2] == pytest.approx((90.0, 90.0))
+
+
 def test_a_frames_own_angle_comes_before_the_focal_length_of_all(tmp_path: Path) -> None:
     frame = {"file_path": "a.png", "transform_matrix": MATRIX, "camera_angle_x": math.pi / 2}
     (photo,) = read_transforms(write(tmp_path, [frame], fl_x=100.0, fl_y=110.0, w=50, h=40), size_of)
@@ -83,6 +89,7 @@ def test_a_frames_own_angle_comes_before_the_focal_length_of_all(tmp_path: Path)
         ({"camera_model": "RADIAL", "k1": 0.5, "k2": 0.4}, "OPENCV", (0.5, 0.4, 0.0, 0.0)),
         ({"is_fisheye": True, "k1": 0.5, "k4": 0.4, "p1": 0}, "OPENCV_FISHEYE", (0.5, 0.0, 0.0, 0.4)),
         ({"is_fisheye": False, "k1": 0.5, "k4": 0.0, "p1": 9}, "OPENCV", (0.5, 0.0, 9.0, 0.0)),
+        ({"latlong": False, "equirectangular": False}, "OPENCV", (0.0, 0.0, 0.0, 0.0)),
     ],
 )
 def test_lens_models(tmp_path: Path, given: dict, model: str, distortion: tuple) -> None:
@@ -102,6 +109,8 @@ def test_lens_models(tmp_path: Path, given: dict, model: str, distortion: tuple)
         ({"file_path": "bad.png", "transform_matrix": np.diag([1, 1, -1, 1]).tolist()}, "no rotation"),
         ({"file_path": "bad.png", "transform_matrix": MATRIX, "fl_x": -3}, "not positive"),
         ({"file_path": "bad.png", "transform_matrix": MATRIX, "camera_model": "ODD"}, "ODD"),
+        ({"file_path": "bad.png", "transform_matrix": MATRIX, "latlong": True}, "camera_model latlong"),
+        ({"file_path": "bad.png", "transform_matrix": MATRIX, "ftheta_p0": 0.0}, "camera_model ftheta_p0"),
         ({"file_path": "bad.png", "transform_matrix": MATRIX, "k4": 0.1}, "k4 of 0.1, which OPENCV does not have"),
         (
             {"file_path": "bad.png", "transform_matrix": MATRIX, "camera_model": "PINHOLE", "k1": 0.1},

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import plyfile
+from numpy.typing import ArrayLike
 
 CHUNK_RANGES = ["x", "y", "z", "scale_x", "scale_y", "scale_z", "r", "g", "b"]
 PACKED = ["packed_position", "packed_rotation", "packed_scale", "packed_color"]
@@ -40,7 +41,7 @@ def pack(values: list[int], bits: tuple[int, ...]) -> int:
 
 
 def compressed_ply(
-    vertices: list[list[int]], chunks: list[list[float]], colored: bool = True, harmonics: list[list[int]] | None = None
+    vertices: list[list[int]], chunks: list[list[float]], colored: bool = True, harmonics: ArrayLike | None = None
 ) -> bytes:
     """`vertices` are as in PACKED; each chunk has the smallest, then the largest values, in CHUNK_RANGES's order."""
     ranges = CHUNK_RANGES if colored else CHUNK_RANGES[:6]
@@ -52,9 +53,9 @@ def compressed_ply(
     ]
     body = np.array(chunks, "<f4").tobytes() + np.array(vertices, "<u4").tobytes()
     if harmonics is not None:
-        header += [f"element sh {len(harmonics)}"]
-        header += [f"property uchar f_rest_{number}" for number in range(len(harmonics[0]))]
-        body += np.array(harmonics, "u1").tobytes()
+        rows = np.array(harmonics, "u1")
+        header += [f"element sh {len(rows)}", *(f"property uchar f_rest_{number}" for number in range(rows.shape[1]))]
+        body += rows.tobytes()
     return "\n".join([*header, "end_header\n"]).encode() + body
 
 

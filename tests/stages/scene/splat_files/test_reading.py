@@ -218,6 +218,7 @@ def test_rotations_of_no_length(tmp_path: Path) -> None:
         (compressed_ply([LEAST], [[math.nan] * 18]), "NaN"),
         (compressed_ply([LARGEST], [LOW + [1e38] * 9]), "NaN or infinity|absurd"),
         (compressed_ply([], []), "without Gaussians"),
+        (compressed_ply([], [], harmonics=np.zeros((0, 45), np.uint8)), "without Gaussians"),
     ],
 )
 def test_a_broken_compressed_ply(tmp_path: Path, content: bytes, words: str) -> None:
