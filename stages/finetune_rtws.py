@@ -43,7 +43,10 @@ class FinetuneRtwsParameters(Parameters):
     )
     iterations: int = Field(300, ge=1, description="Optimisation steps, one view each.")
     feature_rate: float = Field(
-        5e-3, gt=0, description="Learning rate of features, or of the SH DC term; by default, the final rate of hiding."
+        5e-3,
+        gt=0,
+        description="Learning rate of features, or of the SH DC term; by default, the final rate of features "
+        "in hiding.",
     )
     final_rate_share: float = Field(0.2, gt=0, le=1, description="Final learning rates as a share of the initial ones.")
     lambda_message: float = Field(0.1, ge=0, description="λ: the message's weight in the loss, if a message is given.")

@@ -59,7 +59,8 @@ class ImprintWatermarkParameters(Parameters):
     feature_rate: float = Field(
         5e-3,
         gt=0,
-        description="Initial learning rate of features, or of the SH DC term; by default, the final rate of hiding.",
+        description="Initial learning rate of features, or of the SH DC term; by default, the final rate of features "
+        "in hiding.",
     )
     decoder_rate: float = Field(1e-3, gt=0, description="Initial learning rate of the watermark decoder.")
     final_rate_share: float = Field(

@@ -7,7 +7,8 @@ Everything is kept that a rerun of the kept runs would look up, so that it finds
 - the last result of each stage of these runs, with everything that it was made from, however old;
 - pinned results, and those younger than a given age;
 - results that no run can make again, such as keys;
-- damaged data that was set aside, as long as a kept run needs it and it was not made again.
+- damaged data that was set aside, as long as a kept run needs it and it was not made again, and the sound artifacts of
+  a record that was set aside: they may be all that is left of a result that no run can make again.
 
 Checkpoints are kept as long as a kept run may resume from them, and otherwise for `CHECKPOINT_DAYS`; an empty folder of
 an action is not a checkpoint. The names of external files that results were made from are kept with these only, since
@@ -34,6 +35,7 @@ from pathlib import Path
 from pipeline.disk import entries_of, size_of
 from pipeline.errors import UserError
 from pipeline.store.damaged import ACTIONS, FOREIGN, OBJECTS, name_in_damaged
+from pipeline.store.listable import refuse_unlisted
 from pipeline.store.record import Record, newest_makers
 from pipeline.store.store import Store
 from pipeline.store.temporary import left_behind
@@ -110,6 +112,7 @@ class _Collector:
         self.wanted: frozenset[str] = frozenset()
         self.gone: set[str] = set()
         self.begun: set[str] = set()
+        self.named: dict[str, set[str]] = {}
         self.old_journals: dict[str, int] = {}
         self.waste: list[Waste] = []
         self.remarks: list[str] = []
@@ -117,7 +120,7 @@ class _Collector:
 
     def collection(self) -> Collection:
         kept = self.kept_keys()
-        digests = {digest for key in kept for digest in self.records[key].outputs.values()}
+        digests = {digest for key in kept for digest in self.records[key].outputs.values()} | self.of_damaged_records()
         self.drop_links(digests)
         self.drop_records(kept)
         self.drop_objects(digests)
@@ -127,6 +130,7 @@ class _Collector:
         return Collection(tuple(self.waste), len(kept), tuple(self.remarks), tuple(self.steps))
 
     def kept_keys(self) -> set[str]:
+        refuse_unlisted(self.store.root, ("runs", "latest", "pins"))
         unreadable = self.actions - self.records.keys()
         if unreadable:
             raise UserError(
@@ -173,12 +177,14 @@ class _Collector:
         for number, journal in enumerate(self.store.history.journals(workflow)):
             run = self.store.history.read(journal)
             made = {name: str(result.key) for name, result in run.results.items() if result.outputs}
+            for result in run.results.values():
+                self.named.setdefault(str(result.key), set()).update(result.outputs.values())
             if counted < self.rules.keep_last:
                 counted += run.whole
                 newest_is_whole |= number == 0 and run.whole
                 stages |= run.results.keys()
                 self.begun |= run.began
-                keys |= set(made.values())
+                keys |= {*made.values(), *run.began}  # a worker may finish what a run that was killed began
             else:
                 last = {key for name, key in made.items() if name in stages - found}
                 keys |= last
@@ -220,6 +226,18 @@ class _Collector:
                 made.update(maker.outputs.values())
                 queue += maker.taken
         return kept
+
+    def of_damaged_records(self) -> set[str]:
+        """The artifacts of records that were set aside and stay, which no other record may name.
+
+        Of a record that cannot be read, those that journals name; if none does, all that no record names.
+        """
+        found: set[str] = set()
+        for name in self.store.entries(f"damaged/{ACTIONS}"):
+            if not self.is_done_with(name):
+                record, named = self.store.damaged.record(name), self.named.get(name_in_damaged(name))
+                found |= {*record.outputs.values()} if record else named or self.objects - self.makers.keys()
+        return found
 
     def drop_links(self, digests: set[str]) -> None:
         for name, digest in self.links.items():
@@ -325,9 +343,12 @@ class _Collector:
         return records | objects | self.store.entries(f"damaged/{FOREIGN}")
 
     def is_done_with(self, name: str) -> bool:
-        """Whether a damaged record can go: its action was done again, or nothing needs it and it can be done again."""
+        """Whether a damaged record can go: its action was done again, or nothing needs it and it can be done again.
+
+        One that cannot be read may be of a result that no run can make again.
+        """
         key, record = name_in_damaged(name), self.store.damaged.record(name)
-        return key in self.actions or (key not in self.wanted and not (record and record.unrepeatable))
+        return key in self.actions or (record is not None and key not in self.wanted and not record.unrepeatable)
 
     def entries(self, folder: str, goes: Callable[[str], bool]) -> dict[str, int]:
         """What to delete from a folder of the store: names, and sizes in bytes."""

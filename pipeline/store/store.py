@@ -208,6 +208,10 @@ class Store:
         """Puts a result into the store that was made here but did not get there, and returns its record; else None."""
         return None
 
+    def put_back(self) -> tuple[str, ...]:
+        """Replaces what was set aside by sound copies elsewhere, and returns the keys; here there are none."""
+        return ()
+
     def is_whole(self, digest: str) -> bool:
         """Whether an artifact has a sound manifest and all files, in the right sizes. Their bytes are not read."""
         try:

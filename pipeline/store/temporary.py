@@ -37,7 +37,8 @@ class OwnFolder:
 
 def sweep(temporary: Path) -> None:
     """Removes what processes that have ended left behind; folders in use, by this process or others, are untouched."""
-    for name in {entry.name.removesuffix(LOCK) for entry in entries_of(temporary.parent, temporary.name)}:
+    entries = entries_of(temporary.parent, temporary.name)
+    for name in {entry.name.removesuffix(LOCK) for entry in entries if entry.name != LOCK}:
         with suppress(OSError):  # another user's, or another process sweeps, too
             path = temporary / name
             descriptor = _hold(_lock_of(path), wait=False)

@@ -66,11 +66,16 @@ def verify_store(store: Store, dry_run: bool = False) -> Iterator[Checked]:
         records = list(pool.map(store.kept_record, keys))
     for key, record in zip(keys, records, strict=True):
         damage = _damage_of_record(key, record, present)
+        if damage and not dry_run:  # a run may have made it again meanwhile
+            damage = _damage_of_record(key, store.kept_record(key), store.objects)
         if damage and not dry_run:
             store.set_record_aside(key)
             damage += f"; {MENDED}" if store.kept_record(key) else ""
         stages = (f"{record.workflow}/{record.name}",) if record else ()
         yield Checked("record", key, damage=damage, stages=stages)
+    if not dry_run:
+        for key in store.put_back():
+            yield Checked("record", key, damage=f"it was set aside; {MENDED}")
     yield from _pins(store)
     for name, digest in store.latest_digests().items():
         gone = digest not in present and (digest in lost or not store.holds(digest))

@@ -45,7 +45,7 @@ def probes(own: RawFeatures, foreign: Float[Tensor, "K M"] | None, seed: int) ->
         OWN: own,
         HALF: halved,
         NONE: torch.full_like(own, SILENT),
-        MEAN: own.mean(dim=0).expand_as(own).contiguous(),
+        MEAN: own.sigmoid().mean(dim=0).logit().expand_as(own).contiguous(),
     }
     if foreign is not None:
         if foreign.shape[1] != own.shape[1]:

@@ -25,8 +25,9 @@ RANDOM = ""
 """The name under which random points are listed; no picture has it."""
 
 CLEAR_SHARE = 0.75
-"""Smallest distance of a message's points from any camera, relative to the nearest depth of the cover. With 1, a tenth
-of the kitchen's points are left among the bonsai's cameras, which surround it; with 0.5, the fox loses 0.7 dB."""
+"""Smallest distance of a message's points from any training camera, relative to the nearest depth of the cover. With 1,
+a tenth of the kitchen's points are left among the bonsai's cameras, which surround it; with 0.5, the fox loses 0.7 dB.
+"""
 
 DEPTH_PERCENTILES = (1, 99)
 NEARER, FARTHER = 0.7, 2.0

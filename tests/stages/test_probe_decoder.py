@@ -99,7 +99,7 @@ def test_probes_change_what_they_say() -> None:
     silenced = (found["half of the channels zeroed"] == SILENT).all(dim=0)
     assert int(silenced.sum()) == 3
     assert (found["features of another scene"] == 7).all()
-    assert torch.equal(found["every Gaussian with the mean feature"][0], own.mean(dim=0))
+    assert torch.equal(found["every Gaussian with the mean feature"][0], own.sigmoid().mean(dim=0).logit())
 
 
 @pytest.mark.usefixtures("any_arrays")

@@ -37,6 +37,7 @@ from pipeline.store.bucket.remote_artifacts import RemoteArtifacts
 from pipeline.store.bucket.remote_damaged import RemoteDamaged, damaged_record_name
 from pipeline.store.bucket.remote_history import RemoteHistory
 from pipeline.store.bucket.remote_pins import RemotePins
+from pipeline.store.damaged import ACTIONS, name_in_damaged
 from pipeline.store.history import History
 from pipeline.store.pins import Pins
 from pipeline.store.record import KEY, RECORD, Record, read_record
@@ -167,7 +168,7 @@ class RemoteStore(Store):
 
     def _record_in_bucket(self, key: str, aside: Path) -> Record | None:
         """The record of an action as it is in the bucket, whatever the mirror has; its file is written to `aside`."""
-        data = self._bucket.get(_record_name(key))
+        data = self._bucket.get(_record_name(key)) if KEY.fullmatch(key) else None
         if data is None:
             return None
         aside.write_bytes(data)
@@ -266,11 +267,28 @@ class RemoteStore(Store):
         else:
             self._mirror.set_record_aside(key)
 
+    def put_back(self) -> tuple[str, ...]:
+        """Puts into the bucket what was withdrawn there as damaged, and of which the copies here are sound."""
+        restored = []
+        for key in sorted(self._withdrawn() - self.actions):
+            made = self._mirror.find(key)
+            if made and all(self._mirror.is_sound(digest) for digest in made.outputs.values()):
+                self._send(made, self.root / UNSENT / key)
+                restored.append(key)
+        return tuple(restored)
+
+    def _withdrawn(self) -> set[str]:
+        """The keys of the records that were set aside in the bucket."""
+        names = self._bucket.names(f"damaged/{ACTIONS}")
+        return {key for name in names if KEY.fullmatch(key := name_in_damaged(name))}
+
     def commit(
         self, key: str, parts: Mapping[str, Json], writers: Mapping[str, ArtifactWriter], provenance: Mapping[str, Any]
     ) -> Record:
         """As in a local store. If it breaks off, nothing of the action is visible, and `send_late` resumes it."""
         mark = self.folder(UNSENT) / key
+        if not mark.exists() and self._bucket.get(_record_name(key)) is None:
+            self._mirror.set_record_aside(key)  # was deleted from the bucket, maybe to give up a key
         mark.touch(mode=0o600)
         return self._send(self._mirror.commit(key, parts, writers, provenance), mark)
 
@@ -367,12 +385,16 @@ class RemoteStore(Store):
         self._mirror.delete_entry(name)
 
     def abandoned(self) -> dict[str, int]:
-        """Files of uploads that broke off at least a day ago, and copies here of what is no longer in the bucket."""
+        """Files of uploads that broke off at least a day ago, and copies here of what is no longer in the bucket.
+
+        Copies of what was withdrawn as damaged stay: they may be the only sound ones, which `put_back` restores.
+        """
         actions, objects = self.actions, self.objects
         copies = self._mirror.entries("actions") | self._mirror.entries("objects")
         unsent = {name.rpartition("/")[2] for name in self._mirror.entries(UNSENT)}
-        made = [record for key in unsent if (record := self._mirror.find(key))]
-        here = actions | objects | unsent | {digest for record in made for digest in record.outputs.values()}
+        sound = unsent | self._withdrawn()
+        made = [record for key in sound if (record := self._mirror.find(key))]
+        here = actions | objects | sound | {digest for record in made for digest in record.outputs.values()}
         lone = {name: size for name, size in copies.items() if name.rpartition("/")[2] not in here}
         return self._artifacts.unfinished(SPARED) | lone
 

@@ -31,6 +31,12 @@ class RemoteHistory(History):
 
     def journals(self, workflow: str) -> list[Path]:
         """The files of a workflow's runs, newest first; those that are missing or incomplete here are fetched."""
+        while True:
+            with suppress(FileNotFoundError):  # one was deleted meanwhile, and others are not fetched: list them again
+                return self._fetched(workflow)
+
+    def _fetched(self, workflow: str) -> list[Path]:
+        """As `journals`. Raises FileNotFoundError if one disappears between being listed and fetched."""
         names = self._bucket.names(f"runs/{workflow}")
         sizes = {name: size for name, size in names.items() if _is_journal(name)}
         paths = {name: self._runs / workflow / name.rpartition("/")[2] for name in sizes}
@@ -38,12 +44,13 @@ class RemoteHistory(History):
         for folder in (self._runs, self._runs / workflow) if lacking else ():
             folder.mkdir(mode=0o700, exist_ok=True)
         asides = {name: path.with_name(f"fetched-{uuid.uuid4().hex}") for name, path in lacking.items()}
-        with suppress(FileNotFoundError):  # deleted meanwhile
+        try:
             self._bucket.download(asides)
-        for name, aside in asides.items():
-            if aside.is_file():
-                aside.chmod(0o600)
-                aside.replace(lacking[name])
+        finally:
+            for name, aside in asides.items():
+                if aside.is_file():
+                    aside.chmod(0o600)
+                    aside.replace(lacking[name])
         return sorted((path for path in paths.values() if path.is_file()), reverse=True)
 
     def _journal(self, folder: Path, **facts: object) -> Journal:

@@ -90,7 +90,8 @@ def _written_runs(noise: Noise) -> str:
 def noise_note(spreads: Mapping[str, Noise], quantity: str = "psnr", unit: str = " dB") -> str:
     """The line under a table that states the size of its noise."""
     told = [
-        f"{write_figure(quantity, spread.deviation)}{unit} on the {picture} ({_written_runs(spread)})"
+        f"{write_figure(quantity, spread.deviation)}{unit} on the {picture} ({_written_runs(spread)}, pooled; of those "
+        f"that vary most {write_figure(quantity, spread.largest)})"
         for picture, spread in spreads.items()
         if not math.isnan(spread.deviation)
     ]

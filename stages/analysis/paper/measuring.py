@@ -142,13 +142,15 @@ def _by_seed(values: Mapping[str, Sequence[float]]) -> list[float]:
 class Noise:
     """The standard deviation from one seed to the next, NaN if unknown, estimated from `count` runs on `captures`.
 
-    `freedom` are its degrees of freedom, infinitely many if it is not an estimate.
+    `freedom` are its degrees of freedom, infinitely many if it is not an estimate. `largest` is the deviation of what
+    differed most among the kinds of runs that it was pooled from.
     """
 
     deviation: float = math.nan
     freedom: float = 0
     count: int = 0
     captures: tuple[str, ...] = ()
+    largest: float = math.nan
 
     @property
     def reach(self) -> float:
@@ -175,9 +177,15 @@ def noise(runs: Iterable[Run], figure: Figure) -> Noise:
     if not repeated:
         return NO_NOISE
     freedom = sum(len(group) - 1 for group in repeated.values())
-    squares = math.fsum((value - mean(group)) ** 2 for group in repeated.values() for value in group)
+    squares = {key: math.fsum((value - mean(group)) ** 2 for value in group) for key, group in repeated.items()}
     captures = tuple(dict.fromkeys(capture for capture, _, _ in repeated))
-    return Noise(math.sqrt(squares / freedom), freedom, sum(map(len, repeated.values())), captures)
+    return Noise(
+        math.sqrt(math.fsum(squares.values()) / freedom),
+        freedom,
+        sum(map(len, repeated.values())),
+        captures,
+        max(math.sqrt(squares[key] / (len(group) - 1)) for key, group in repeated.items()),
+    )
 
 
 def mean(values: Iterable[float]) -> float:

@@ -49,8 +49,9 @@ REGISTERED_NOTE = (
 
 SEALED_NOTE = (
     "Sealed: attacked as it is published. The owner opens what is left of it by means of what was published, even "
-    "before registration: of several Gaussians that were one, such as clones, only one counts. The other methods' "
-    "containers are not opened in this way."
+    "before registration: of several Gaussians that were one, such as clones, only one counts, and what the scene "
+    "decoder reads of a feature is taken as published, so that no attack on features harms that part. The other "
+    "methods' containers are not opened in this way."
 )
 
 

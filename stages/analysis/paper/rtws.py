@@ -103,7 +103,8 @@ BOUND_NOTE = (
 )
 AT_99_NOTE = (
     "The usual point of a ROC curve, for undistorted renders: the threshold is what 99 % of the renders by every "
-    "second new camera reach, however high that is; detected is the share of the rest, test views and new cameras. (–: "
+    "second new camera reach, however high that is; detected is the share of the rest, test views and new cameras, "
+    "which stand between those and see nearly the same. (–: "
     "measured when all of these set the threshold, so that 99 % were detected by construction.) Distorted renders "
     "seldom reach such a threshold, and are judged by that of the other tables. A grain's owner has a separate one."
 )

@@ -20,19 +20,28 @@ from stages.scene.cameras import Camera
 from stages.scene.gaussians import Gaussians
 from stages.timing.stopwatch import backward_of, part
 
-SETTINGS = ("sh_degree", "layers", "decoder_width", "precision")
+SETTINGS = ("sh_degree", "layers", "decoder_width", "kernel_size", "precision")
 
 
 class PlainWithDecoder(Plain):
     """3DGS with a message decoder D_m of 3·L channels that reads the unclamped pictures of the cover.
 
+    So it is also evaluated (not after attacks on renders): a picture of 8 bits, clamped to [0, 1], may show less.
     The decoder starts from torch's random weights: initially, no part of the cover's picture belongs to a message.
     Raises `KeyError` for a precision that is not in `PRECISIONS`.
     """
 
     name = "decoder"
 
-    def __init__(self, sh_degree: int, layers: int, decoder_width: int, precision: str, messages: Sequence[str] = ()):
+    def __init__(
+        self,
+        sh_degree: int,
+        layers: int,
+        decoder_width: int,
+        precision: str,
+        kernel_size: int = 3,
+        messages: Sequence[str] = (),
+    ):
         super().__init__(sh_degree)
         self.messages = tuple(messages)
         self.precision = PRECISIONS[precision]
@@ -40,10 +49,11 @@ class PlainWithDecoder(Plain):
             "sh_degree": sh_degree,
             "layers": layers,
             "decoder_width": decoder_width,
+            "kernel_size": kernel_size,
             "precision": precision,
         }
         if self.messages:
-            self.message_decoder = Decoder(3, 3 * len(self.messages), layers, decoder_width)
+            self.message_decoder = Decoder(3, 3 * len(self.messages), layers, decoder_width, kernel_size)
             self.message_decoder.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # not in its stub
             self.networks = {"message_decoder": self.message_decoder}
 

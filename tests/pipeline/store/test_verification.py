@@ -189,6 +189,21 @@ def test_an_output_that_is_gone(workspace: Workspace) -> None:
     assert damaged(store) == []
 
 
+def test_a_record_that_a_run_wrote_anew_meanwhile_stays(workspace: Workspace) -> None:
+    """All records are read first, and a terminal may take its time until the last was told."""
+    workspace.write("stages:\n  a: {uses: numbers}\n  b: {uses: scale, in: {numbers: a}}\n")
+    ran = workspace.run()
+    for ended in ran.ended.values():
+        (workspace.folder / "store" / "actions" / str(ended.key) / "record.json").write_bytes(b"")
+    store = ran.project.store
+    checked = verify_store(store)
+    first = next(each for each in checked if each.what == "record")
+    assert first.damage == "altered since it was written"
+    assert set(workspace.run().states.values()) == {"ran"}
+    assert [each for each in checked if each.damage] == []
+    assert all(store.find(str(ended.key)) for ended in ran.ended.values())
+
+
 def test_a_link_that_leads_nowhere(workspace: Workspace) -> None:
     store = workspace.write(CHAIN).run().project.store
     link = store.root / "latest" / "chain" / "old.numbers"
