@@ -192,7 +192,8 @@ def _logged(job: Job, store: Store, tell: Tell, action: _Action) -> Outcome:
     store.log(job.workflow, job.name, not private).unlink(missing_ok=True)
     log = StageLog(path, private)
     log.head(job.name, job.uses, job.key, job.commit)
-    job.begun_flag.touch()
+    with suppress(OSError):  # on another machine, a bucket's mirror is elsewhere, and so are its flags
+        job.begun_flag.touch()
     tell(StageStarted(job.name))
     try:
         with log.captured() if job.captures else printed_to_stderr():

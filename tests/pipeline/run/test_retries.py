@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import replace
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -10,9 +11,10 @@ import pytest
 
 from pipeline.errors import Unreachable
 from pipeline.events import Noted
+from pipeline.resources import Resources
 from pipeline.run import runner
 from pipeline.run.action import Job
-from pipeline.run.executor import Lost, SerialExecutor, Tell
+from pipeline.run.executor import Lost, SerialExecutor, Tell, Work
 from pipeline.store.store import Store
 from tests.pipeline.helpers import Ran, Workspace
 
@@ -56,6 +58,21 @@ class Deadly(SerialExecutor):
         if self.when == "done":
             work(job, tell)
         return name, Lost("its worker process died", transient=True)
+
+
+class Distant(SerialExecutor):
+    """Its workers are on a machine that has the run's address of a bucket, and not the folder of its flags."""
+
+    def start(self, name: str, work: Work, subject: object, urgency: int, needs: Resources) -> None:
+        assert isinstance(subject, Job)
+        nowhere = Path("/nowhere")
+        there = replace(subject, stop_flag=nowhere / "stop", begun_flag=nowhere / "begun")
+        super().start(name, work, there, urgency, needs)
+
+
+def test_workers_need_not_see_the_flags_of_the_run(workspace: Workspace) -> None:
+    ran = workspace.write("stages:\n  a: {uses: numbers}\n").run(executor=Distant())
+    assert ran.states == {"a": "ran"}
 
 
 def said(ran: Ran) -> deque[str]:
