@@ -11,14 +11,14 @@ from pydantic import Field
 from pipeline.errors import UserError
 from pipeline.stage import Context, ExternalPath, Output, Parameters, stage
 from stages.imaging.backgrounds import over_background
-from stages.imaging.orientation import UPRIGHT, as_stored
+from stages.imaging.orientation import SIDEWAYS, UPRIGHT, as_stored
 from stages.imaging.pictures import encode_png, read_picture
 from stages.scene.camera_checks import refuse_far_poses
 from stages.scene.capture import Capture, KnownPoses, numbered, write_capture
 from stages.scene.colmap import models_beside, photos_in_model
 from stages.scene.given_poses import find_poses, known_points, known_poses, photo_finder, poses_at, read_poses
 from stages.scene.named_frames import find_posed_photos
-from stages.scene.photo_facts import PhotoFacts, read_facts, taken_by
+from stages.scene.photo_facts import PhotoFacts, as_posed, read_facts, taken_by
 from stages.scene.photo_folder import (
     ANIMATIONS,
     SUFFIXES,
@@ -109,6 +109,8 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
     for name in copies:
         del facts[name]
     poses, names = _poses(context, parameters, place, splits, facts)
+    if poses is not None:
+        facts |= {name: as_posed(facts[name], lens) for name, lens in zip(names, poses.lenses, strict=True)}
     own = parameters.any_pictures and _are_own(parameters)
     if own:
         context.log(agreeing(len(names), f"no pictures given: your own {len(names)} photo[s] [is|are] tried"))
@@ -198,7 +200,8 @@ def _poses(
         return None, tuple(facts)
     sizes = {name: one.size for name, one in facts.items()}
     resized = parameters.images is not None
-    read = read_poses(place, sizes, resized) if place is not None else read_split_poses(splits, sizes)
+    sideways = {name for name, one in facts.items() if one.turned in SIDEWAYS}
+    read = read_poses(place, sizes, resized, sideways) if place is not None else read_split_poses(splits, sizes)
     source, posed, missing = read
     points = None if place is None else known_points(place, posed, parameters.folder)
     poses, names = known_poses(source, posed, points), tuple(photo.name for photo in posed)

@@ -86,15 +86,16 @@ def photo_finder(photos: Collection[str], place: Path) -> Callable[[str], str | 
 
 
 def read_poses(
-    place: Path, sizes: Mapping[str, tuple[int, int]], resized: bool = False
+    place: Path, sizes: Mapping[str, tuple[int, int]], resized: bool = False, sideways: Collection[str] = ()
 ) -> tuple[PoseSource, list[PosedPhoto], list[str]]:
     """Read a COLMAP model or a transforms.json: its kind, the poses of the photos in `sizes`, and the missing photos.
 
     Poses are renamed to the photos, which `photo_finder` matches, and sorted by name. Posed photos that are missing are
     left out, since somebody deleted them, and listed by their names in the file. Each lens is scaled to its photo's
-    size; `resized` states that photos differ in size from those that were posed. Raises `UserError` for unreadable
-    files, paths that are too long, photos posed twice, other aspect ratios, and if less than `MOST` of the posed photos
-    are present.
+    size; `resized` states that photos differ in size from those that were posed. `sideways` are the photos that EXIF
+    turns by a quarter, and whose sizes are those of the stored pixels: a lens that only fits one turned gets that size.
+    Raises `UserError` for unreadable files, paths that are too long, photos posed twice, other aspect ratios, and if
+    less than `MOST` of the posed photos are present.
     """
     photo_named = photo_finder(sizes, place)
 
@@ -119,21 +120,22 @@ def read_poses(
     name, times = Counter(each.name for each in renamed).most_common(1)[0]
     if times > 1:
         raise UserError(f"photo {name} is posed twice", where=place, remedy="Keep one pose for every photo.")
-    fitted = [replace(photo, lens=_fitted(place, photo, sizes[photo.name])) for photo in renamed]
+    fitted = [replace(each, lens=_fitted(place, each, sizes[each.name], each.name in sideways)) for each in renamed]
     return source, sorted(fitted, key=lambda photo: photo.name), missing
 
 
-def _fitted(place: Path, photo: PosedPhoto, size: tuple[int, int]) -> Lens:
+def _fitted(place: Path, photo: PosedPhoto, size: tuple[int, int], is_sideways: bool) -> Lens:
     lens = photo.lens
-    if abs(lens.width / lens.height / (size[0] / size[1]) - 1) > ASPECT_TOLERANCE:
-        raise UserError(
-            f"the poses are for a photo {photo.name} of another shape",
-            where=place,
-            found=f"{lens.width} x {lens.height} pixels",
-            expected=f"{size[0]} x {size[1]} pixels, or the same proportions",
-            remedy="Use the photos that the poses were made from, neither cropped nor turned.",
-        )
-    return lens.resized(*size)
+    for width, height in (size, size[::-1]) if is_sideways else (size,):
+        if abs(lens.width / lens.height / (width / height) - 1) <= ASPECT_TOLERANCE:
+            return lens.resized(width, height)
+    raise UserError(
+        f"the poses are for a photo {photo.name} of another shape",
+        where=place,
+        found=f"{lens.width} x {lens.height} pixels",
+        expected=f"{size[0]} x {size[1]} pixels, or the same proportions",
+        remedy="Use the photos that the poses were made from, neither cropped nor turned.",
+    )
 
 
 def known_poses(source: PoseSource, posed: Sequence[PosedPhoto], points: KnownPoints | None = None) -> KnownPoses:

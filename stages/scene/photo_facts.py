@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from PIL import Image
 
 from stages.imaging.orientation import BROKEN_EXIF, SIDEWAYS, UPRIGHT, orientation_of
 from stages.imaging.pictures import open_picture, read_picture
+from stages.scene.lens import Lens
 
 EXIF_FOLDER, FOCAL_LENGTH_IN_35MM, FOCAL_LENGTH, MAKER, MODEL = 0x8769, 0xA405, 0x920A, 0x010F, 0x0110
 DIAGONAL_OF_35MM = math.hypot(36, 24)
@@ -34,7 +35,8 @@ def read_facts(photo: Path, posed: bool = False) -> PhotoFacts:
     """Facts of a photo, which is decoded entirely so that damage shows here; raises `UserError` as `read_picture` does.
 
     For a photo that is `posed` they describe the pixels as stored, and so do its pose and lens: COLMAP, and the
-    programs that write transforms.json, ignore EXIF's orientation. Other photos are described upright.
+    programs that write transforms.json, ignore EXIF's orientation (for others, see `as_posed`). Other photos are
+    described upright.
     """
     height, width = read_picture(photo).shape[:2]
     with open_picture(photo) as image:
@@ -43,6 +45,16 @@ def read_facts(photo: Path, posed: bool = False) -> PhotoFacts:
     size = (height, width) if turned in SIDEWAYS else (width, height)
     focal_pixels = None if equivalent is None else equivalent / DIAGONAL_OF_35MM * math.hypot(width, height)
     return PhotoFacts(size, focal_pixels, turned, camera)
+
+
+def as_posed(facts: PhotoFacts, lens: Lens) -> PhotoFacts:
+    """The facts of a posed photo, upright if its lens fits only that.
+
+    Some programs turn photos by EXIF before they pose them, such as those of the DUSt3R family. Of a photo that is
+    upside down, a lens does not tell.
+    """
+    turned = facts.turned in SIDEWAYS and (lens.width, lens.height) != facts.size
+    return replace(facts, size=(lens.width, lens.height), turned=UPRIGHT) if turned else facts
 
 
 def taken_by(photos: Mapping[str, Path], facts: Mapping[str, PhotoFacts]) -> tuple[int, ...]:

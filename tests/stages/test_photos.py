@@ -137,6 +137,35 @@ def test_photos_whose_poses_came_with_them_lie_as_their_pixels_are_stored(
     assert any("2 photos are kept as stored" in line for line in log) == (orientation != 1)
 
 
+@pytest.mark.parametrize("orientation", [5, 6, 7, 8])
+def test_photos_that_were_posed_upright_lie_upright(tmp_path: Path, orientation: int) -> None:
+    """Programs of the DUSt3R family turn photos by EXIF, and write a COLMAP model for what they see."""
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    (tmp_path / "scan").mkdir()
+    for name in ("a.png", "b two.png"):
+        stored = np.random.default_rng(0).integers(0, 256, (32, 24, 3), dtype=np.uint8)
+        Image.fromarray(stored).save(tmp_path / "scan" / name, exif=exif)
+    write_binary_model(tmp_path / "scan")  # for pictures wider than high
+    log: list[str] = []
+    artifact = capture(tmp_path / "scan", tmp_path / "out", log)
+    found = read_capture(artifact)
+    assert found.sizes == ((32, 24), (32, 24))
+    assert found.poses is not None
+    assert [(lens.width, lens.height) for lens in found.poses.lenses] == [(32, 24), (32, 24)]
+    kept = read_picture(picture_path(artifact, "a.png"))
+    np.testing.assert_array_equal(kept, read_picture(tmp_path / "scan" / "a.png"))
+    assert kept.shape == (24, 32, 3)
+    assert not any("kept as stored" in line for line in log)
+
+
+def test_photos_that_do_not_fit_their_poses_even_turned_are_refused(tmp_path: Path) -> None:
+    take(tmp_path / "scan" / "a.jpg", size=(100, 50), orientation=6)
+    take(tmp_path / "scan" / "b two.jpg", size=(100, 50), orientation=6)
+    write_binary_model(tmp_path / "scan")
+    expect_refusal(tmp_path / "scan", tmp_path / "out", "of another shape")
+
+
 @pytest.mark.parametrize(
     ("names", "order", "expected"),
     [
