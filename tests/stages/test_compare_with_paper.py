@@ -199,7 +199,7 @@ def test_the_owner_is_told_of_failures_noise_and_the_command(everything: dict[st
     text = markdown(everything)
     assert f"\n    {COMMAND}\n" in text
     assert "Not made: late: hide: no memory \\<b\\>" in text
-    assert "next: 0.05 dB on the cover (15 runs on fox) and 0.08 dB on the message (12 runs on fox)" in text
+    assert "next: 0.05 dB on the cover (15 runs on fox, pooled; of those that vary most 0.05) and 0.08 dB" in text
     assert "the mean of its row is 25.178" in text
     page = everything["owner"].file("report.html").read_text()
     assert "no memory &lt;b&gt;" in page
