@@ -17,6 +17,8 @@ from pipeline.store.bucket.bucket import Bucket
 from pipeline.store.history import History, Journal
 
 PUT_EVERY = 5.0  # seconds
+TIMES = 10
+"""How often journals are listed again if one disappears before it is fetched."""
 
 
 class RemoteHistory(History):
@@ -31,9 +33,14 @@ class RemoteHistory(History):
 
     def journals(self, workflow: str) -> list[Path]:
         """The files of a workflow's runs, newest first; those that are missing or incomplete here are fetched."""
-        while True:
+        for _ in range(TIMES):
             with suppress(FileNotFoundError):  # one was deleted meanwhile, and others are not fetched: list them again
                 return self._fetched(workflow)
+        raise RemoteError(
+            "journals that the bucket lists are not there",
+            where=f"{self._bucket.address}/runs/{workflow}",
+            remedy="Try again. If this goes on, delete what cannot be read there.",
+        )
 
     def _fetched(self, workflow: str) -> list[Path]:
         """As `journals`. Raises FileNotFoundError if one disappears between being listed and fetched."""

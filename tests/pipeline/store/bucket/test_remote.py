@@ -247,6 +247,33 @@ def test_a_key_that_was_given_up_does_not_come_back(remote: Elsewhere) -> None:
     assert anew.outputs["numbers"].name != ended.outputs["numbers"].name
 
 
+def test_a_journal_that_is_deleted_meanwhile_hides_no_other(remote: Elsewhere, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another machine's `gc` may delete an old one between being listed and fetched."""
+    bucket = remote.store()._bucket
+    names = [f"runs/w/202601{day:02d}T000000.000000Z-00000000.jsonl" for day in range(1, 13)]
+    for name in names:
+        bucket.put(name, b"{}\n")
+    history = remote.machine("B").store().history
+    listing, deleted = type(bucket).names, []
+
+    def listed(own: Bucket, folder: str) -> dict[str, int]:
+        found = listing(own, folder)
+        if folder == "runs/w" and not deleted:
+            deleted.append(min(found))
+            own.delete(deleted)
+        return dict(found)
+
+    monkeypatch.setattr(Bucket, "names", listed)
+    assert [path.name for path in history.journals("w")] == [name.rpartition("/")[2] for name in reversed(names[1:])]
+
+
+def test_journals_that_are_listed_and_not_there_are_told(remote: Elsewhere, monkeypatch: pytest.MonkeyPatch) -> None:
+    remote.store()
+    monkeypatch.setattr(Bucket, "names", lambda bucket, folder: {"runs/w/1.jsonl": 3})
+    with pytest.raises(RemoteError, match="runs/w: journals that the bucket lists are not there"):
+        remote.store().history.journals("w")
+
+
 def test_a_journal_of_a_stranger_leads_nowhere(remote: Elsewhere, tmp_path: Path) -> None:
     """Keys name folders, so that what is no key, such as an absolute path, must not count as one."""
     remote.write(KEY)
