@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from stages.hiding.method import LARGEST_SETTING, build_method
+from stages.hiding.method import LARGEST_SETTING, build_method, settings_of
 from stages.hiding.rendering import COVER
 from stages.training.hiding import HidingParameters
 
@@ -45,3 +45,12 @@ def test_what_could_not_be_imported_is_not_trained(setting: str) -> None:
     assert getattr(HidingParameters.model_validate({setting: LARGEST_SETTING}), setting) == LARGEST_SETTING
     with pytest.raises(ValidationError, match=setting):
         HidingParameters.model_validate({setting: LARGEST_SETTING + 1})
+
+
+@pytest.mark.parametrize("name", ["gs_hider", "homogeneous", "decoder"])
+def test_decoders_have_the_kernel_size_that_was_asked_for(name: str) -> None:
+    parameters = HidingParameters.model_validate({"method": name, "kernel_size": 1})
+    settings = parameters.model_dump(include=set(settings_of(name)))
+    method = build_method(name, settings | {"messages": ["message"]})
+    kernels = [weight for weight in method.networks["message_decoder"].parameters() if weight.ndim == 4]
+    assert {tuple(weight.shape[2:]) for weight in kernels} == {(1, 1)}
