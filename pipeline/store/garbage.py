@@ -29,7 +29,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 
 from pipeline.disk import entries_of, size_of
@@ -233,11 +233,16 @@ class _Collector:
         Of a record that cannot be read, those that journals name; if none does, all that no record names.
         """
         found: set[str] = set()
-        for name in self.store.entries(f"damaged/{ACTIONS}"):
+        for name, record in self.damaged_records.items():
             if not self.is_done_with(name):
-                record, named = self.store.damaged.record(name), self.named.get(name_in_damaged(name))
+                named = self.named.get(name_in_damaged(name))
                 found |= {*record.outputs.values()} if record else named or self.objects - self.makers.keys()
         return found
+
+    @cached_property
+    def damaged_records(self) -> dict[str, Record | None]:
+        """The records that were set aside, by their names in the store; None if one cannot be read."""
+        return {name: self.store.damaged.record(name) for name in self.store.entries(f"damaged/{ACTIONS}")}
 
     def drop_links(self, digests: set[str]) -> None:
         for name, digest in self.links.items():
@@ -326,9 +331,10 @@ class _Collector:
 
     def damaged(self, kept: set[str]) -> dict[str, int]:
         """What to delete of the damaged data. Needed data stays: a copy may turn up, or part of it may be readable."""
-        records = self.entries(f"damaged/{ACTIONS}", lambda name: self.is_done_with(name))
-        left = self.store.entries(f"damaged/{ACTIONS}").keys() - records.keys()
-        told = [self.store.damaged.record(name) for name in left]
+        sizes = self.store.entries(f"damaged/{ACTIONS}")
+        records = {name: sizes[name] for name in self.damaged_records if self.is_done_with(name)}
+        left = self.damaged_records.keys() - records.keys()
+        told = [self.damaged_records[name] for name in left]
         needed = {digest for record in told if record for digest in record.outputs.values()}
         needed |= {digest for key in kept for digest in self.records[key].outputs.values()}
 
@@ -347,7 +353,7 @@ class _Collector:
 
         One that cannot be read may be of a result that no run can make again.
         """
-        key, record = name_in_damaged(name), self.store.damaged.record(name)
+        key, record = name_in_damaged(name), self.damaged_records[name]
         return key in self.actions or (record is not None and key not in self.wanted and not record.unrepeatable)
 
     def entries(self, folder: str, goes: Callable[[str], bool]) -> dict[str, int]:
