@@ -76,10 +76,9 @@ def view_container(context: Context, parameters: ViewContainerParameters) -> Non
     device = working_device()
     read = read_container(container, secret, device)
     filmed: dict[str, list[Picture]] = {}
-    for number, rendering in enumerate(read.photographs(path), start=1):
+    for number, rendering in enumerate(read.photographs(path, None if hiding is None else ()), start=1):
         for title, picture in rendering.pictures.items():
-            if title == COVER or hiding is None:
-                filmed.setdefault(title, []).append(tensor_to_picture(picture))
+            filmed.setdefault(title, []).append(tensor_to_picture(picture))
         context.progress(number, len(path))
         context.stop_if_requested()
     pictures = _kept(filmed, path, parameters)

@@ -108,7 +108,7 @@ def train_detector(
     """
     if not scenes:
         raise ValueError("a detector needs scenes to learn from")
-    with torch.random.fork_rng():
+    with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         detector = ResidualDetector().to(device)
     generator = np.random.default_rng(seed)

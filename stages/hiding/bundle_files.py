@@ -34,6 +34,8 @@ MOST_ATTRIBUTES, MOST_AXES = 32, 4
 MOST_MESSAGES = 1000
 MOST_FACTS, MOST_NUMBERS, LARGEST_NUMBER = 32, 2**17, 2**53
 LONGEST_TEXT = 200  # characters
+LONGEST_FACT = 2**15
+"""Of a word among a secret's facts, in characters. The longest are a seal's signs, 16 a channel beyond the eighth."""
 WORD = re.compile(r"[a-z][a-z0-9_]{0,63}")
 
 
@@ -76,13 +78,13 @@ def _facts(path: Path, facts: Any) -> dict[str, Any]:
     raise UserError(
         "the secret's facts are invalid",
         where=path,
-        expected=f"at most {MOST_FACTS} short words, finite numbers, or lists of these numbers",
+        expected=f"at most {MOST_FACTS} words, finite numbers, or lists of these numbers",
     )
 
 
 def _is_fact(fact: tuple[str, Any]) -> bool:
     name, value = fact
-    word = isinstance(value, str) and can_be_written(value)
+    word = isinstance(value, str) and can_be_written(value, LONGEST_FACT)
     numbers = isinstance(value, list) and len(value) <= MOST_NUMBERS and all(map(_is_number, value))
     return bool(WORD.fullmatch(name)) and name != "messages" and (word or numbers or _is_number(value))
 

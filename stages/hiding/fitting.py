@@ -35,7 +35,7 @@ def fitted_method(
     check_settings(where, settings)
     full = dict(settings) | ({"messages": list(messages)} if messages else {})
     try:
-        with torch.random.fork_rng():
+        with torch.random.fork_rng(devices=[]):
             with torch.device("meta"):
                 _check_networks(where, build_method(name, full), networks)
             method = build_method(name, full)

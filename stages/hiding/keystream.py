@@ -97,9 +97,9 @@ def _keystreams(
 ) -> Iterator[tuple[Int[Tensor, " n"], _Keystream]]:
     """For each block: which rows of `numbers` are in it, and the keystream for them."""
     sizes = [dimensions - number for number in range(dimensions)]
-    blocks = numbers.div(BLOCK, rounding_mode="floor")
-    for block in blocks.unique().tolist():
-        [rows] = torch.nonzero(blocks == block, as_tuple=True)
+    blocks, order = numbers.div(BLOCK, rounding_mode="floor").sort(stable=True)
+    present, counts = blocks.unique_consecutive(return_counts=True)
+    for block, rows in zip(present.tolist(), order.split(counts.tolist()), strict=True):
         uniform = _uniform(key + block.to_bytes(8, "little"), BLOCK * (1 + sum(sizes))).reshape(BLOCK, -1)
         own = uniform[(numbers[rows] - block * BLOCK).numpy()]
         normal = torch.from_numpy(ndtri(own[:, 1:])).split(sizes, dim=1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +13,7 @@ from torch import Tensor
 from pipeline.artifact import Artifact
 from pipeline.errors import UserError
 from stages.hiding.expected import Expected
-from stages.hiding.method import Method
+from stages.hiding.method import Method, move_networks
 from stages.hiding.photographs import photographs
 from stages.hiding.rendering import COVER, Rendering
 from stages.hiding.sealing import SEAL, SEALED, SIGNS, Seal, Sealable, hash_of
@@ -46,20 +46,21 @@ class ReadContainer:
     method: Method
     public: Gaussians
 
-    def photographs(self, cameras: Cameras) -> Iterator[Rendering]:
-        """Yield a rendering for every camera: the cover from `public`, everything else from `gaussians`.
+    def photographs(self, cameras: Cameras, messages: Collection[str] | None = None) -> Iterator[Rendering]:
+        """Yield a rendering for every camera: the cover from `public`, `messages` (by default all) from `gaussians`.
 
         Rendered from opened Gaussians, the cover's picture, which may be published, would depend on the message: by
         rounding in an honest container, visibly in one that was made for that purpose.
         """
-        if self.public is self.gaussians:
-            yield from photographs(self.gaussians, self.method, cameras)
+        messages = self.method.messages if messages is None else messages
+        if self.public is self.gaussians or not messages:
+            yield from photographs(self.public, self.method, cameras, (COVER, *messages))
             return
         covers = photographs(self.public, self.method, cameras, (COVER,))
-        opened = photographs(self.gaussians, self.method, cameras, self.method.messages)
+        opened = photographs(self.gaussians, self.method, cameras, messages)
         for cover, rendering in zip(covers, opened, strict=True):
-            messages = {name: rendering.pictures[name] for name in self.method.messages}
-            yield replace(rendering, pictures={COVER: cover.pictures[COVER], **messages})
+            shown = {name: rendering.pictures[name] for name in messages}
+            yield replace(rendering, pictures={COVER: cover.pictures[COVER], **shown})
 
 
 def read_container(
@@ -72,12 +73,14 @@ def read_container(
 
     `published`: as in `open_container`. Raises `UserError` like `open_container` and `read_method`.
     """
-    gaussians, method = read_gaussians(container), read_method(container, secret, device)
+    gaussians, method = read_gaussians(container), read_method(container, secret)
+    opened = gaussians
+    if secret is not None and is_sealed(secret):  # on the CPU, whatever the device: it is where seals are made
+        originals = read_gaussians(published) if published is not None else None
+        opened = open_container(gaussians, method, secret, originals)
+    move_networks(method, device)
     public = gaussians.to(device)
-    if secret is None or not is_sealed(secret):
-        return ReadContainer(public, method, public)
-    originals = read_gaussians(published) if published is not None else None
-    return ReadContainer(open_container(gaussians, method, secret, originals).to(device), method, public)
+    return ReadContainer(public if opened is gaussians else opened.to(device), method, public)
 
 
 def refuse_sealed(secret: Artifact | None, stage: str) -> None:

@@ -55,7 +55,7 @@ def read_method(container: Artifact, secret: Artifact | None = None, device: tor
     settings = mapping(container, "settings")
     if secret is not None:
         settings["messages"] = list(strings(secret, "messages"))
-    with torch.random.fork_rng():
+    with torch.random.fork_rng(devices=[]):
         method = build_method(string(container, "method"), settings)
     for artifact, names in ((container, PUBLIC_NETWORKS), (secret, SECRET_NETWORKS)):
         if artifact is not None:

@@ -10,10 +10,10 @@ UNWRITTEN = ("Cc", "Cs")
 """Unicode categories of control characters and of surrogates, which Python makes of bytes that are not UTF-8."""
 
 
-def can_be_written(name: str) -> bool:
+def can_be_written(name: str, longest: int = LONGEST_NAME) -> bool:
     """Whether a name is text that any program can read back: any kind of space is, a control character is not.
 
     >>> can_be_written("Screenshot 3.45\\u202fPM.png"), can_be_written("caf\\udce9.jpg"), can_be_written("")
     (True, False, False)
     """
-    return 0 < len(name) <= LONGEST_NAME and not any(unicodedata.category(each) in UNWRITTEN for each in name)
+    return 0 < len(name) <= longest and not any(unicodedata.category(each) in UNWRITTEN for each in name)

@@ -136,7 +136,7 @@ class HidingParameters(TrainingParameters):
     def build_method(self, messages: Sequence[str], key: Artifact | None) -> Method:
         """Build the method for these messages; its initial weights follow from the key, or else from `seed`."""
         settings = self.model_dump(include=set(settings_of(self.method))) | self.own_settings
-        with torch.random.fork_rng():
+        with torch.random.fork_rng(devices=[]):
             torch.manual_seed(self.seed if key is None else int(generator_apart(key, "building").integers(2**32)))
             method = build_method(self.method, settings | {"messages": list(messages)})
             if key is not None:

@@ -31,6 +31,7 @@ from stages.analysis.residual_detector import Views, detector_scores, train_dete
 from stages.analysis.secrecy import painting  # noqa: E402
 from stages.attack import AttackParameters, attack  # noqa: E402
 from stages.detect_watermark import DetectWatermarkParameters, detect_watermark  # noqa: E402
+from stages.draw_key import DrawKeyParameters, draw_key  # noqa: E402
 from stages.evaluate import EvaluateParameters, evaluate  # noqa: E402
 from stages.find_grain import FindGrainParameters, find_grain  # noqa: E402
 from stages.finetune_rtws import FinetuneRtwsParameters, finetune_rtws  # noqa: E402
@@ -47,6 +48,7 @@ from stages.render_path import RenderPathParameters, render_path  # noqa: E402
 from stages.render_views import RenderViewsParameters, render_views  # noqa: E402
 from stages.reveal import RevealParameters, reveal  # noqa: E402
 from stages.scene.gaussians import Gaussians  # noqa: E402
+from stages.seal import SealParameters, seal  # noqa: E402
 from stages.time_frames import TimeFramesParameters, time_frames  # noqa: E402
 from stages.train_codec import TrainCodecParameters, train_codec  # noqa: E402
 from stages.train_scene import TrainSceneParameters, train_scene  # noqa: E402
@@ -68,11 +70,13 @@ HEAVY = {
 }
 """Operations on networks, Gaussians and their gradients: none is left to the CPU."""
 
-ON_BOTH = ("attacked", "watermark_detected", "secrecy")
-"""Jobs of which a part stays on the CPU: attacks but re-optimisation, and readings but surrogates."""
+OF_WHAT_IS_SEALED = ("scores_of_what_is_sealed", "revealed_of_what_is_sealed", "videos_of_what_is_sealed")
+ON_BOTH = ("attacked", "watermark_detected", "secrecy", *OF_WHAT_IS_SEALED)
+"""Jobs of which a part stays on the CPU: attacks but re-optimisation, readings but surrogates, and opening a seal."""
 
 SLOW = (
     *("views_of_splats_alone", "scores_of_an_image", "revealed", "finetuned", "imprinted_splats"),
+    *OF_WHAT_IS_SEALED[1:],
     *("codec_trained", "decoder_tuned", "watermark_detected", "grain_found"),
     *("imprinted", "secrecy", "grained"),
 )
@@ -92,15 +96,16 @@ class Job:
     inputs: dict[str, str]
 
 
-def hiding(method: str) -> Job:
+def hiding(method: str, **changed: int) -> Job:
     return Job(
         hide_scenes,
-        HideScenesParameters.model_validate({**HIDING, "method": method}),
+        HideScenesParameters.model_validate({**HIDING, "method": method, **changed}),
         {"cover": "cover", "messages": "views"},
     )
 
 
 SECRET_SCENE = {"container": "homogeneous.container", "secret": "homogeneous.secret", "cover": "cover"}
+SEALED_SCENE = {"container": "sealed.container", "secret": "sealed.secret", "cover": "cover"}
 TRIED = {"container": "imprinted.container", "before": "image.container", "cover": "cover", "watermark": "emblem"}
 SECRET_IMAGE = {"container": "image.container", "secret": "image.secret", "cover": "cover"}
 
@@ -129,11 +134,19 @@ JOBS = {
         EvaluateParameters(method="homogeneous", threads=1),
         {**SECRET_SCENE, "messages": "views", "reference": "plain.splats"},
     ),
+    "scores_of_what_is_sealed": Job(
+        evaluate, EvaluateParameters(method="homogeneous", threads=1), {**SEALED_SCENE, "messages": "views"}
+    ),
     "scores_of_an_image": Job(evaluate, EvaluateParameters(threads=1), {**SECRET_IMAGE, "image": "emblem"}),
     "revealed": Job(
         reveal,
         RevealParameters(method="homogeneous", threads=1),
         {**SECRET_SCENE, "published": "homogeneous.container"},
+    ),
+    "revealed_of_what_is_sealed": Job(
+        reveal,
+        RevealParameters(method="homogeneous", threads=1),
+        {**SEALED_SCENE, "published": "sealed.container"},
     ),
     "renders": Job(
         render_views,
@@ -141,6 +154,9 @@ JOBS = {
         {"container": "gs_hider.container", "cover": "cover"},
     ),
     "videos": Job(render_path, RenderPathParameters(frames=3, threads=1), SECRET_IMAGE),
+    "videos_of_what_is_sealed": Job(
+        render_path, RenderPathParameters(method="homogeneous", frames=3, threads=1), SEALED_SCENE
+    ),
     "timings": Job(
         time_frames,
         TimeFramesParameters(frames=2, threads=1),
@@ -198,6 +214,17 @@ JOBS = {
         {**TRIED, "codec": "decoder_tuned.codec", "photos": "photos"},
     ),
 }
+ON_THE_CPU = {
+    "wide": hiding("homogeneous", feature_dim=16, iterations=1),
+    "key": Job(draw_key, DrawKeyParameters(seed=3), {}),
+    "sealed": Job(
+        seal,
+        SealParameters(method="homogeneous"),
+        {"container": "wide.container", "secret": "wide.secret", "key": "key"},
+    ),
+}
+"""Jobs that others need, themselves no work for a GPU or that of another."""
+
 FILES: dict[str, Callable[[Path], Artifact]] = {
     "cover": small.scene,
     "views": small.message_views,
@@ -234,7 +261,8 @@ def on_cpu(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], dict[str
     def made(name: str) -> dict[str, Artifact]:
         if name in FILES:
             return {name: FILES[name](folder / name)}
-        return run_stage(JOBS[name].stage, JOBS[name].parameters, inputs_of(JOBS[name], made), folder / name)
+        job = JOBS[name] if name in JOBS else ON_THE_CPU[name]
+        return run_stage(job.stage, job.parameters, inputs_of(job, made), folder / name)
 
     return made
 

@@ -45,12 +45,15 @@ Made = dict[str, Artifact]
 
 
 @pytest.fixture(scope="module")
-def hidden(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Artifact]:
-    """A container of 16 channels, its secret, the scene and views it was made from, and a key."""
-    folder = tmp_path_factory.mktemp("hidden")
+def hidden(tmp_path_factory: pytest.TempPathFactory) -> Made:
+    return hidden_in(tmp_path_factory.mktemp("hidden"), {"feature_dim": 16})
+
+
+def hidden_in(folder: Path, changed: Mapping[str, int]) -> Made:
+    """A container, its secret, the scene and views it was made from, and a key."""
     cover = scene(folder / "cover")
     views = dotted_message(folder / "views", cover)
-    chosen = HideScenesParameters.model_validate({**SETTINGS, "method": "homogeneous", "feature_dim": 16})
+    chosen = HideScenesParameters.model_validate({**SETTINGS, "method": "homogeneous", **changed})
     made = run_stage(hide_scenes, chosen, {"cover": cover, "messages": (views,)}, folder / "made")
     key = run_stage(draw_key, DrawKeyParameters(seed=3), {}, folder / "key")["key"]
     return {"container": made["container"], "secret": made["secret"], "cover": cover, "views": views, "key": key}
@@ -70,16 +73,19 @@ def features(container: Artifact) -> torch.Tensor:
     return read_gaussians(container)[FEATURES].sigmoid()
 
 
-def test_it_is_published_and_opened_by_whoever_has_the_secret(tmp_path: Path, hidden: Made, closed: Made) -> None:
+@pytest.mark.parametrize("channels", [16, 40])  # the wider, the longer the secret's words
+def test_it_is_published_and_opened_by_whoever_has_the_secret(tmp_path: Path, hidden: Made, channels: int) -> None:
+    made = hidden if channels == 16 else hidden_in(tmp_path / "made", {"feature_dim": channels, "iterations": 1})
+    closed = sealed(tmp_path / "closed", made)
     assert (closed["container"].private, closed["secret"].private) == (False, True)
-    assert (features(closed["container"]) - features(hidden["container"])).abs().max() > 0.1
+    assert (features(closed["container"]) - features(made["container"])).abs().max() > 0.1
     bundles = run_stage(export_container, ExportContainerParameters(), closed, tmp_path / "exported")
     files = {"bundle": bundles["bundle"].path, "secret": bundles["secret_bundle"].path}
     read = run_stage(
         import_container, ImportContainerParameters(method="homogeneous", **files), {}, tmp_path / "imported"
     )
     opened = read_container(read["container"], read["secret"]).gaussians
-    torch.testing.assert_close(opened[FEATURES].sigmoid(), features(hidden["container"]), rtol=0, atol=2e-4)
+    torch.testing.assert_close(opened[FEATURES].sigmoid(), features(made["container"]), rtol=0, atol=2e-4)
 
 
 def test_nothing_of_the_seal_is_in_what_is_published(closed: Made) -> None:

@@ -89,6 +89,6 @@ class WatermarkCodec(torch.nn.Module):
 
 def new_codec(blocks: int, width: int, seed: int) -> WatermarkCodec:
     """A codec whose initial weights follow from the seed; the state of torch's global generator is preserved."""
-    with torch.random.fork_rng():
+    with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         return WatermarkCodec(blocks, width)

@@ -25,7 +25,7 @@ def read_codec(artifact: Artifact) -> WatermarkCodec:
     settings = mapping(artifact, "settings")
     weights = {name.replace("/", "."): torch.from_numpy(artifact.read(name)) for name in artifact.names}
     try:
-        with torch.random.fork_rng():
+        with torch.random.fork_rng(devices=[]):
             blocks, width = (int(str(settings[name])) for name in SIZES)
             codec = WatermarkCodec(blocks, width, settings.get(WHOLE) is True)  # older codecs lack this setting
         codec.lost = torch.nn.Parameter(weights["lost"])

@@ -7,7 +7,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stages.hiding.keystream import LONGEST, SHORTEST, decrypted, encrypted
+from stages.hiding.keystream import BLOCK, LONGEST, SHORTEST, decrypted, encrypted
 
 KEY = bytes(range(32))
 
@@ -30,9 +30,9 @@ def test_who_has_the_key_gets_everything_back(count: int, dimensions: int, key: 
 
 
 def test_some_of_them_are_put_back_by_their_numbers() -> None:
-    values = some_values(1000)
+    values = some_values(2 * BLOCK + 5)
     closed = encrypted(*values, KEY)
-    numbers = torch.tensor([999, 3, 500, 0])
+    numbers = torch.tensor([2 * BLOCK + 4, 999, 3, BLOCK, 500, 0, BLOCK - 1])
     back = decrypted(*(each[numbers] for each in closed), numbers, KEY)
     for found, own in zip(back, values, strict=True):
         torch.testing.assert_close(found, own[numbers], rtol=0, atol=1e-9)

@@ -30,7 +30,7 @@ CHOICES = {
 def target_and_owner(name: str, count: int = 200, opacity: float = 1.0) -> tuple[Target, Method]:
     """A container without the secret, and its method with the secret. `opacity` is added to the opacities' logits."""
     settings = {setting: CHOICES[setting] for setting in settings_of(name)}
-    with torch.random.fork_rng():
+    with torch.random.fork_rng(devices=[]):
         torch.manual_seed(3)
         owner = build_method(name, settings | {"messages": [MESSAGE]})
     generator = np.random.default_rng(4)
