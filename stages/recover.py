@@ -42,11 +42,12 @@ def recover(context: Context, parameters: RecoverParameters) -> None:
     nothing published is recognised in the found container.
 
     One row of `figures` is the verdict. `is_yours`: of the found or the published Gaussians, whichever are fewer, at
-    least a quarter are paired by position or, if each was shifted, by exact shape. This includes fragments, and
-    containers with any additions. `may_be_yours`: only similar shapes agree. Either each Gaussian was shifted and
-    changed, or much was left out and more was added, or it is another training from the same photos. Such trainings had
-    a `matched` of up to 22 % after 3,000 iterations, and of 23 % for the fox after 300, none of it by shape. (After 40
-    iterations, which hardly move the initial points, it was 72 %: nothing here distinguishes them.)
+    least a quarter are paired by exact shape, or by position with a tenth of the pairs of exactly the same shape, or
+    four fifths by position alone. This includes fragments, and containers with any additions. `may_be_yours`: less than
+    that agrees. Either each Gaussian was shifted or changed, or much was left out and more was added, or it is another
+    training from the same photos, or a part of one. Such trainings had a `matched` of up to 22 % after 3,000
+    iterations, of 23 % for the fox after 300, of 72 % after 40, which hardly move the initial points, and parts of them
+    up to 65 %; none of it by shape.
 
     The other rows: whether the scene was mirrored, and how far it was then rotated, moved and scaled; the share of the
     found Gaussians that are published ones (`matched`), and of the published ones that were found (`found_again`); how

@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
 from stages.scene.gaussians import Gaussians
-from stages.scene.shape_pairs import FEWEST, SAMPLED, agreeing, pairs_by_shape
+from stages.scene.shape_pairs import ALIKE, FEWEST, SAMPLED, agreeing, pairs_by_shape, shapes_of, typical_distance
 from stages.scene.similarity import Similarity, fit_similarity
 
 NEAR = 0.1
@@ -23,10 +23,16 @@ published, the distance shrinks to keep that chance the same."""
 
 ENOUGH = 0.25
 """Fraction of the found or the published Gaussians, whichever are fewer: if so many published ones have a partner at
-their position, positions decide. So a fragment is recognised, and a scene with any number of additions: a thief would
-have to leave out three quarters of what he stole, or shift each. Published ones are counted, each once, since found
-ones could all be heaped up at one place. Two trainings from the same photos, of thousands of iterations, shared one in
-500 to one in 20, once one in 5; of 40 iterations, which hardly left their initial points, 7 in 10."""
+their position, positions tell the motion. So a fragment is recognised, and a scene with any number of additions: a
+thief would have to leave out three quarters of what he stole, or shift each. Published ones are counted, each once,
+since found ones could all be heaped up at one place. Two trainings from the same photos, of thousands of iterations,
+shared one in 500 to one in 20, once one in 5; of 40 iterations, which hardly left their initial points, 7 in 10."""
+
+NEARLY_ALL, SHAPED = 0.8, 0.1
+"""Positions alone do not tell whose it is: structure from motion gives all trainings from the same photos the same
+initial points, which hardly move where many photos see them. Of a tenth of such a training, the smallest Gaussians, 0.5
+lay at positions of another one, of a few fragments up to 0.65, of all after 40 iterations 0.7; none had a shape like
+its partner's. So it also takes `NEARLY_ALL` at the position of a published one, or `SHAPED` of the pairs alike."""
 
 ROUNDS = 20
 """Iterations of iterated closest points (ICP) at most; from a good start a few are enough."""
@@ -46,7 +52,8 @@ class Registration:
     `found` and `published` are the rows of P pairs of one Gaussian as found and as published; found ones may share a
     partner. `matched` is the fraction of the found Gaussians at the position of a published one, `found_again` that of
     the published ones with a found one at theirs; or, if larger, the fraction with the same shape, estimated from a
-    sample. `is_certain` if positions or shapes reach `ENOUGH`. Pairs are by position if `by_place`, else by shape.
+    sample. Pairs are by position if `by_place`, since positions reach `ENOUGH`, else by shape. `is_certain` if one was
+    made from the other: if shapes reach `ENOUGH`, or positions do and `NEARLY_ALL` or `SHAPED` as well.
     """
 
     motion: Similarity
@@ -72,16 +79,16 @@ def register(found: Gaussians, published: Gaussians, seed: int) -> Registration 
     """
     if not len(found) or not len(published):
         return None
-    points, places = _means(found), _Places(_means(published))
-    unmoved = places.partners(points, Similarity.identity())
-    if unmoved.is_certain:
-        return _by_closest_points(points, places, unmoved)
+    places = _Places(published)
+    unmoved = places.partners(found, Similarity.identity())
+    if unmoved.by_place:
+        return _by_closest_points(found, places, unmoved)
     for any_scale in (False, True):
         by_shape = _by_shape(found, published, any_scale, seed)
         if by_shape is not None:
-            by_place = places.partners(points, by_shape.motion)
-            if by_place.is_certain:
-                return _by_closest_points(points, places, by_place)
+            by_place = places.partners(found, by_shape.motion)
+            if by_place.by_place:
+                return _by_closest_points(found, places, by_place)
             return replace(
                 by_shape,
                 matched=max(by_place.matched, by_shape.matched),
@@ -91,33 +98,47 @@ def register(found: Gaussians, published: Gaussians, seed: int) -> Registration 
 
 
 class _Places:
-    """Positions of published Gaussians, and the distance within which a found one is taken for one of them."""
+    """Published Gaussians, and the distance within which a found one is taken for one of them."""
 
-    def __init__(self, points: Float[np.ndarray, "N 3"]):
-        self.points, self.tree = points, cKDTree(points)
-        distances, _ = self.tree.query(points, k=2)
-        self.near = NEAR * float(np.median(distances[:, 1])) if len(points) > 1 else 0.0
+    def __init__(self, published: Gaussians):
+        self.points, self.shapes = _means(published), shapes_of(published, any_scale=False)
+        self.tree = cKDTree(self.points)
+        distances, _ = self.tree.query(self.points, k=2)
+        self.near = NEAR * float(np.median(distances[:, 1])) if len(self.points) > 1 else 0.0
+        self.spread = self.shapes.std(axis=0)
+        self.spread[self.spread == 0] = 1.0
+        self.alike = ALIKE * typical_distance(self.shapes / self.spread)
 
-    def partners(self, points: Float[np.ndarray, "F 3"], motion: Similarity) -> Registration:
+    def partners(self, found: Gaussians, motion: Similarity) -> Registration:
         """The pairs after undoing a motion: each found Gaussian with the nearest published one, if near enough."""
+        points = _means(found)
         count, known = len(points), len(self.points)
         near = self.near * min(1.0, known / count) ** (1 / 3)
         distances, rows = self.tree.query(motion.inverse().points(points), distance_upper_bound=2 * near + 1e-12)
         [matched] = np.nonzero(distances <= near)
-        again = len(np.unique(rows[matched]))
-        is_certain = again >= max(FEWEST, ENOUGH * min(count, known))
-        return Registration(
-            motion, matched, rows[matched], len(matched) / count, again / known, is_certain, by_place=is_certain
-        )
+        partners = rows[matched]
+        again, fewer = len(np.unique(partners)), min(count, known)
+        by_place = again >= max(FEWEST, ENOUGH * fewer)
+        is_certain = by_place and (again >= NEARLY_ALL * fewer or self._shaped(found, matched, partners, motion.scale))
+        return Registration(motion, matched, partners, len(matched) / count, again / known, is_certain, by_place)
+
+    def _shaped(
+        self, found: Gaussians, matched: Int[np.ndarray, " P"], partners: Int[np.ndarray, " P"], scale: float
+    ) -> bool:
+        """Whether `SHAPED` of the published Gaussians that have partners have one of their own shape."""
+        shapes = shapes_of(found, any_scale=False)[matched]
+        shapes[:, :-1] -= np.log(scale)
+        alike = np.linalg.norm((shapes - self.shapes[partners]) / self.spread, axis=1) <= self.alike
+        return len(np.unique(partners[alike])) >= SHAPED * len(np.unique(partners))
 
 
-def _by_closest_points(points: Float[np.ndarray, "F 3"], places: _Places, start: Registration) -> Registration:
-    current = start
+def _by_closest_points(found: Gaussians, places: _Places, start: Registration) -> Registration:
+    current, points = start, _means(found)
     for _ in range(ROUNDS):
         motion = _simplest(places.points[current.published], points[current.found], current.motion)
         if _same(motion, current.motion):
             break
-        current = places.partners(points, motion)
+        current = places.partners(found, motion)
     return current
 
 

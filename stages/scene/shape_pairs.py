@@ -51,10 +51,10 @@ def pairs_by_shape(
 ) -> tuple[Int[np.ndarray, " P"], Int[np.ndarray, " P"], Bool[np.ndarray, " P"]]:
     """Rows of found and published Gaussians that are mutual nearest neighbours in shape, and which are `ALIKE`.
 
-    Shapes are sizes, the three stored log scales, sorted, or only their differences if `any_scale`, and opacities, as
-    logits. Many pairs may be wrong. At most `SAMPLED` found Gaussians are used, drawn by `seed`. Neither may be empty.
+    Shapes are those of `shapes_of`. Many pairs may be wrong. At most `SAMPLED` found Gaussians are used, drawn by
+    `seed`. Neither may be empty.
     """
-    shapes, known = _shapes(found, any_scale), _shapes(published, any_scale)
+    shapes, known = shapes_of(found, any_scale), shapes_of(published, any_scale)
     spread = known.std(axis=0)
     spread[spread == 0] = 1.0
     shapes, known = shapes / spread, known / spread
@@ -63,6 +63,16 @@ def pairs_by_shape(
     _, back = cKDTree(shapes).query(known[partners])
     mutual, alike = back == chosen, apart <= ALIKE * typical_distance(known)
     return chosen[mutual], partners[mutual], alike[mutual]
+
+
+def shapes_of(gaussians: Gaussians, any_scale: bool) -> Float[np.ndarray, "N D"]:
+    """Sizes, the three log scales as stored, sorted, or only their two differences if `any_scale`; and opacity logits.
+
+    No rotation or translation changes them.
+    """
+    log_scales = np.sort(gaussians["log_scales"].detach().double().numpy(), axis=1)
+    sizes = np.diff(log_scales, axis=1) if any_scale else log_scales
+    return np.concatenate([sizes, gaussians["logit_opacities"].detach().double().numpy()[:, None]], axis=1)
 
 
 def typical_distance(values: Float[np.ndarray, "N D"]) -> float:
@@ -102,12 +112,6 @@ def agreeing(
         except ValueError:  # all at one place
             return None
     return within
-
-
-def _shapes(gaussians: Gaussians, any_scale: bool) -> Float[np.ndarray, "N D"]:
-    log_scales = np.sort(gaussians["log_scales"].detach().double().numpy(), axis=1)
-    sizes = np.diff(log_scales, axis=1) if any_scale else log_scales
-    return np.concatenate([sizes, gaussians["logit_opacities"].detach().double().numpy()[:, None]], axis=1)
 
 
 def _tried(

@@ -7,11 +7,11 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import torch
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 from scipy.spatial.transform import Rotation
 
 from stages.hiding.method import Method
-from stages.hiding.relocalisation.landmarks import depths
+from stages.hiding.relocalisation.landmarks import SMALLEST_OPACITY, depths
 from stages.hiding.rendering import COVER
 from stages.imaging.pictures import Picture, tensor_to_picture
 from stages.scene.cameras import Cameras, single_cameras
@@ -47,26 +47,27 @@ def aligned(picture: Picture, gaussians: Gaussians, method: Method, start: Camer
     """The single camera of `start`, with pose, focal length and principal point refined to match the picture.
 
     Gauss-Newton steps on the luminance of blurred pictures, with free brightness and contrast. Pixels that differ much,
-    for reasons other than the camera, get small weights.
+    for reasons other than the camera, get small weights; those without depth, where little is drawn, get none.
     """
     target = _grey(picture)
     world_to_camera, intrinsics = start.world_to_camera[0].copy(), start.intrinsics[0].copy()
-    depth, moved_by = np.zeros_like(target), np.inf
+    depth, drawn, moved_by = np.zeros_like(target), np.zeros(target.shape, bool), np.inf
     for blur in (*BLURS, *[BLURS[-1]] * (MOST_STEPS - len(BLURS))):
         cameras = replace(start, world_to_camera=world_to_camera[None], intrinsics=intrinsics[None])
         camera = single_cameras(cameras)[0]
         if moved_by > FAR:
-            depth = depths(gaussians, camera)[0].astype(np.float64)
+            depth, alpha = (each.astype(np.float64) for each in depths(gaussians, camera))
+            drawn = alpha > SMALLEST_OPACITY
         with torch.no_grad():
             shown = tensor_to_picture(method.render(gaussians, camera, wanted=[COVER]).pictures[COVER])
-        flow = _flow(depth, intrinsics)
-        step = _step(target, _grey(shown), flow, blur)
+        flow = _flow(depth, drawn, intrinsics)
+        step = _step(target, _grey(shown), flow, drawn, blur)
         turned = np.eye(4)
         turned[:3, :3], turned[:3, 3] = Rotation.from_rotvec(step[3:6]).as_matrix(), step[:3]
         world_to_camera = turned @ world_to_camera
         intrinsics[[0, 1], [0, 1]] *= np.exp(step[6])
         intrinsics[:2, 2] += step[7:9]
-        moved_by = float(np.median(np.hypot(flow[0] @ step, flow[1] @ step)))
+        moved_by = float(np.median(np.hypot(flow[0] @ step, flow[1] @ step)[drawn])) if drawn.any() else 0.0
         if blur == BLURS[-1] and moved_by < STILL:
             break
     return replace(start, world_to_camera=world_to_camera[None], intrinsics=intrinsics[None])
@@ -77,7 +78,11 @@ def _grey(picture: Picture) -> Float64[np.ndarray, "H W"]:
 
 
 def _step(
-    target: Float64[np.ndarray, "H W"], shown: Float64[np.ndarray, "H W"], flow: Flow, blur: float
+    target: Float64[np.ndarray, "H W"],
+    shown: Float64[np.ndarray, "H W"],
+    flow: Flow,
+    drawn: Bool[np.ndarray, "H W"],
+    blur: float,
 ) -> Float64[np.ndarray, " 9"]:
     """One step: translation along the camera's axes, rotation vector, log focal length, principal point in pixels."""
     render, wanted = (cv2.GaussianBlur(each, (0, 0), blur) for each in (shown, target))
@@ -85,7 +90,7 @@ def _step(
     change = -(slopes[0][..., None] * flow[0] + slopes[1][..., None] * flow[1])
     columns = np.concatenate([change, render[..., None], np.ones((*render.shape, 1))], axis=-1).reshape(render.size, -1)
     errors = (wanted - render).ravel()
-    weights = _weights(errors.reshape(render.shape)).ravel()
+    weights = (_weights(errors.reshape(render.shape)) * drawn).ravel()
     lengths = np.sqrt((columns**2 * weights[:, None]).sum(axis=0)) + 1e-12
     scaled = columns / lengths
     normal = scaled.T @ (scaled * weights[:, None]) + DAMPING * np.eye(scaled.shape[1])
@@ -101,12 +106,18 @@ def _weights(errors: Float64[np.ndarray, "H W"]) -> Float64[np.ndarray, "H W"]:
     return weights
 
 
-def _flow(depth: Float64[np.ndarray, "H W"], intrinsics: Float64[np.ndarray, "3 3"]) -> Flow:
-    """The derivatives of each pixel's position, horizontal and vertical, by the nine parameters of a step."""
+def _flow(
+    depth: Float64[np.ndarray, "H W"], drawn: Bool[np.ndarray, "H W"], intrinsics: Float64[np.ndarray, "3 3"]
+) -> Flow:
+    """The derivatives of each pixel's position, horizontal and vertical, by the nine parameters of a step.
+
+    A depth of 0 where nothing is drawn would make translation seem to move that pixel without end: it is taken to be
+    infinite there.
+    """
     height, width = depth.shape
     down, across = np.mgrid[0:height, 0:width] + 0.5
     x, y = (across - intrinsics[0, 2]) / intrinsics[0, 0], (down - intrinsics[1, 2]) / intrinsics[1, 1]
-    near, none, one = 1 / np.maximum(depth, 1e-6), np.zeros_like(x), np.ones_like(x)
+    near, none, one = np.where(drawn, 1 / np.maximum(depth, 1e-6), 0), np.zeros_like(x), np.ones_like(x)
     horizontal = [near, none, -x * near, -x * y, 1 + x * x, -y, x]
     vertical = [none, near, -y * near, -(1 + y * y), x * y, x, y]
     return (

@@ -35,7 +35,7 @@ SMALL_PICTURE, ENLARGEMENT = 640, 2
 is too coarse for them."""
 
 SMALLEST_OPACITY = 0.5
-"""A pixel with less opacity gets no landmark: its blended depth is not that of any surface."""
+"""A pixel with less opacity has no depth: the blended one is not that of any surface."""
 
 
 @dataclass(frozen=True)

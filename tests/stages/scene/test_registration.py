@@ -224,3 +224,20 @@ def test_seeds_repeat() -> None:
     assert np.array_equal(once.motion.rotation, again.motion.rotation)
     assert np.array_equal(once.motion.translation, again.motion.translation)
     assert np.array_equal(once.found, again.found)
+
+
+@pytest.mark.parametrize("expected", [Similarity.identity(), motion(6)])
+def test_places_shared_with_another_training_do_not_make_it_yours(expected: Similarity) -> None:
+    """Trainings from the same photos start from the same points; what a copy has beside them is its shapes."""
+    published = scene(0)
+    half = torch.arange(COUNT) < 0.5 * COUNT
+    means = torch.where(half[:, None], published.means, scene(3).means)
+    trained = Gaussians(scene(3).parameters | {"means": means})
+    registration = register(trained, published, 0)
+    assert registration is not None
+    assert registration.matched == pytest.approx(0.5, abs=0.01)
+    assert not registration.is_certain
+    copied = Gaussians(published.parameters | {"means": means})
+    assert check(register(moved(copied, expected), published, 0), expected).is_certain
+    reshaped = Gaussians(scene(3).parameters | {"means": published.means})
+    assert check(register(reshaped, published, 0), Similarity.identity()).is_certain, "all of its places are"
