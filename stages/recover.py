@@ -11,7 +11,7 @@ from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.measurements import KIND, Measurement, write_measurements
 from stages.analysis.verdicts import IS_YOURS, MAY_BE_YOURS
 from stages.hiding.method_names import MethodName, module_of
-from stages.hiding.recovery import Recovery, recovered, unlike
+from stages.hiding.recovery import Recovery, TooFewPairs, recovered, unlike
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
 from stages.scene.gaussians import Gaussians
 
@@ -59,7 +59,10 @@ def recover(context: Context, parameters: RecoverParameters) -> None:
         check_method(container, parameters.method)
     gaussians, originals = read_gaussians(found), read_gaussians(published)
     _check_alike(found, gaussians, originals)
-    recovery = recovered(gaussians, originals, parameters.seed)
+    try:
+        recovery = recovered(gaussians, originals, parameters.seed)
+    except TooFewPairs as few:
+        raise _unmapped(found, few) from few
     if recovery is None:
         raise _not_known(gaussians, originals)
     _refuse_infinite("what was moved back has values that are not numbers", found, recovery.gaussians)
@@ -82,6 +85,17 @@ def _not_known(gaussians: Gaussians, originals: Gaussians) -> UserError:
         remedy="give the container that the found one was made from, as `published` (for "
         "workflows/recover_container.yaml in `hidden`); a container that was retrained, or whose positions, "
         "sizes and opacities all changed, cannot be registered",
+    )
+
+
+def _unmapped(found: Artifact, few: TooFewPairs) -> UserError:
+    whose = "This is your container" if few.is_certain else "This may be your container"
+    return UserError(
+        f"{whose}, but too little of it is left to read the message",
+        where=str(found.path),
+        found=f"{few.channels} feature channels instead of {few.published}, and {few.pairs} of the published Gaussians",
+        expected=f"at least {few.needed} of them, to tell how {few.channels} channels became {few.published}",
+        remedy="remove feature columns that were added, or find more of it",
     )
 
 

@@ -29,7 +29,7 @@ from stages.scene.splat_files.values import LARGEST_LOGIT
 PLY_SUFFIX = ".ply"
 OPACITY = "opacity"
 LISTED = 5
-NUMBER = "(0|[1-9][0-9]{0,5})"
+NUMBER = "[0-9]{1,6}"
 
 Shapes = Mapping[str, tuple[int, ...]]
 
@@ -105,10 +105,16 @@ def _columns(shapes: Shapes) -> list[str]:
 
 
 def _channels(names: Sequence[str]) -> list[str]:
-    """The feature columns in the order of their numbers, at most 1024; numbers may be missing."""
+    """The feature columns in the order of their numbers, at most 1024; numbers may be missing, or have leading zeros.
+
+    Of two columns with the same number, the one without zeros is taken, as it is the published name.
+    """
     prefix = layout_of(FEATURES).names.removesuffix("*")
-    numbers = sorted(int(name.removeprefix(prefix)) for name in names if re.fullmatch(f"{prefix}{NUMBER}", name))
-    return [f"{prefix}{number}" for number in numbers[:LARGEST_SETTING]]
+    numbered: dict[int, str] = {}
+    for name in sorted(names, key=len, reverse=True):
+        if re.fullmatch(f"{prefix}{NUMBER}", name):
+            numbered[int(name.removeprefix(prefix))] = name
+    return [numbered[number] for number in sorted(numbered)[:LARGEST_SETTING]]
 
 
 def _check_columns(ply: Ply, columns: Sequence[str], unknown: Sequence[str]) -> None:

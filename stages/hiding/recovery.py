@@ -70,6 +70,15 @@ class Recovery:
         return self.mirrored or is_motion(self.motion) or self.feature_change > 0
 
 
+class TooFewPairs(ValueError):
+    """The Gaussians are known, but too few of them to map features with another number of channels."""
+
+    def __init__(self, registration: Registration, channels: int, published: int):
+        self.pairs, self.needed = len(registration.found), _pairs_needed(channels)
+        self.is_certain, self.channels, self.published = registration.is_certain, channels, published
+        super().__init__(f"{self.pairs} pairs; {channels} channels take {self.needed}")
+
+
 def is_motion(motion: Similarity) -> bool:
     """Whether the similarity differs from the identity."""
     same = motion.scale == 1 and np.array_equal(motion.rotation, np.eye(3)) and not motion.translation.any()
@@ -88,7 +97,7 @@ def recovered(found: Gaussians, published: Gaussians, seed: int) -> Recovery | N
     without a partner are moved and mapped like the others. If there are too few pairs for a map, or no map brings the
     features nearer, features stay unchanged.
 
-    None if nothing fits, or if there are too few Gaussians to map features with another number of channels. Works for
+    None if nothing fits. Raises `TooFewPairs` if features with another number of channels cannot be mapped. Works for
     every method; N = 0 fits nothing. All values must be finite. `seed` is passed to `register`.
     """
     seen, registration = _registered(found, published, seed)
@@ -105,7 +114,7 @@ def recovered(found: Gaussians, published: Gaussians, seed: int) -> Recovery | N
             change = _root_mean_square(back, features)
             gaussians = Gaussians(gaussians.parameters | {FEATURES: stored(back)})
         elif features.shape[1] != originals.shape[1]:
-            return None
+            raise TooFewPairs(registration, features.shape[1], originals.shape[1])
     centre = np.median(published.means.detach().double().numpy(), axis=0)
     return Recovery(
         gaussians,
@@ -163,11 +172,15 @@ def _carried_back(
 
     None if features should stay unchanged: no map is needed, or there are too few pairs.
     """
-    if len(registration.found) < PAIRS_A_CHANNEL * (features.shape[1] + 1):
+    if len(registration.found) < _pairs_needed(features.shape[1]):
         return None
     seen, wanted = features[torch.from_numpy(registration.found)], published[torch.from_numpy(registration.published)]
     back = unmixing(seen, wanted)
     return back(features) if back is not None else None
+
+
+def _pairs_needed(channels: int) -> int:
+    return PAIRS_A_CHANNEL * (channels + 1)
 
 
 def _root_mean_square(back: Float64[Tensor, "N M"], features: Float64[Tensor, "N K"]) -> float:

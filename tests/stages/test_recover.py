@@ -18,10 +18,12 @@ from stages.analysis.attacks.rigid_motion import rigid_motion
 from stages.analysis.attacks.target import Target
 from stages.analysis.measurements import read_measurements
 from stages.analysis.verdicts import IS_YOURS, MAY_BE_YOURS
+from stages.hiding.coupled import FEATURES
 from stages.hiding.rendering import COVER
 from stages.hiding.storage import read_gaussians, read_method, write_container, write_secret
 from stages.recover import RecoverParameters, recover
 from stages.scene.cameras import single_cameras
+from stages.scene.gaussians import Gaussians
 from tests.stages import small
 from tests.stages.analysis.attacks.containers import MESSAGE, METHODS, cameras, target_and_owner
 from tests.stages.test_stopping import Asking
@@ -158,6 +160,17 @@ def test_what_was_not_made_from_it_is_refused(tmp_path: Path) -> None:
     few = refused(tmp_path, stored(tmp_path / "few", target.keeping(torch.arange(9))), published)
     assert "found 9 Gaussians" in few
     assert "at least ten of its Gaussians" in few
+
+
+def test_what_is_known_and_cannot_be_read_is_not_called_unknown(tmp_path: Path) -> None:
+    target, _ = target_and_owner("homogeneous")
+    published = stored(tmp_path / "published", target)
+    few = target.keeping(torch.arange(12)).gaussians.parameters
+    with create(tmp_path / "few", "container") as writer:
+        write_container(writer, Gaussians(few | {FEATURES: few[FEATURES][:, :-1]}), target.method)
+    said = refused(tmp_path, load(tmp_path / "few"), published)
+    assert "This is your container, but too little of it is left" in said
+    assert "12 of the published Gaussians" in said
 
 
 def test_containers_that_cannot_be_compared_are_refused(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -58,11 +59,22 @@ def test_any_format_order_and_type_of_columns_will_do(tmp_path: Path, saved: dic
 def test_features_may_be_more_or_fewer_and_need_not_be_numbered_anew(tmp_path: Path) -> None:
     columns = table()
     more = columns | {"feature_9": columns["x"], "feature_10": columns["y"], "feature_0005": columns["z"]}
+    more["feature_00"] = columns["x"]  # the published name counts
     features = read_found(write_ply(tmp_path / "more.ply", more), SHAPES).attributes["raw_features"]
-    np.testing.assert_array_equal(features, np.hstack([attributes()["raw_features"], attributes()["means"][:, :2]]))
+    np.testing.assert_array_equal(
+        features, np.hstack([attributes()["raw_features"], attributes()["means"][:, [2, 0, 1]]])
+    )
     del columns["feature_0"], columns["feature_2"]
     fewer = read_found(write_ply(tmp_path / "fewer.ply", columns), SHAPES).attributes["raw_features"]
     np.testing.assert_array_equal(fewer, attributes()["raw_features"][:, 1::2])
+
+
+def test_features_may_be_numbered_with_leading_zeros(tmp_path: Path) -> None:
+    shapes = SHAPES | {"raw_features": (16,)}
+    columns = table(shapes)
+    padded = {re.sub("feature_([0-9])$", "feature_0\\1", name): values for name, values in columns.items()}
+    found = read_found(write_ply(tmp_path / "padded.ply", padded), shapes)
+    np.testing.assert_array_equal(found.attributes["raw_features"], attributes(shapes)["raw_features"])
 
 
 def test_channels_beyond_all_measure_are_not_read(tmp_path: Path) -> None:

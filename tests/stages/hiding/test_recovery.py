@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from stages.hiding.coupled import FEATURES
-from stages.hiding.recovery import Recovery, is_motion, recovered, unlike
+from stages.hiding.recovery import Recovery, TooFewPairs, is_motion, recovered, unlike
 from stages.hiding.stored_features import stored
 from stages.scene.gaussians import Gaussians
 from stages.scene.moved_splats import chosen, mirrored, moved
@@ -198,7 +198,10 @@ def test_channels_that_were_left_out_are_told_by_the_others() -> None:
     assert recovery.gaussians[FEATURES].shape == published[FEATURES].shape
     assert unlike(found.parameters, published.parameters) == ()
     few = torch.arange(3 * CHANNELS - 1)
-    assert recovered(chosen(found, few), chosen(published, few), 0) is None, "too few to tell the last channel"
+    with pytest.raises(TooFewPairs) as told:
+        recovered(chosen(found, few), chosen(published, few), 0)
+    assert told.value.is_certain
+    assert told.value.pairs == told.value.needed - 1
 
 
 def test_splats_without_features() -> None:
