@@ -21,6 +21,7 @@ from pipeline.console.console import (
     reported,
     say,
 )
+from pipeline.plain_text import listed
 
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Only says what would be done.")]
 
@@ -148,7 +149,7 @@ def pin(
             lacking = [step.name for step in steps.values() if step.state != "cached"]
             if lacking:
                 raise CommandError(
-                    f"some of these results are not in the store: {', '.join(lacking)}",
+                    f"some of these results are not in the store: {listed(lacking)}",
                     where=workflow,
                     remedy=_before_pinning(to_accept_first(graph, steps, lacking)),
                 )
@@ -161,7 +162,7 @@ def pin(
 def _before_pinning(to_accept: Sequence[str]) -> str:
     """What to do before pinning: after a code change, a run may make results other than those that are to be kept."""
     if to_accept:
-        return f"Only code changed, in {', '.join(to_accept)}: `accept` keeps these results; a run may make others."
+        return f"Only code changed, in {listed(to_accept)}: `accept` keeps these results; a run may make others."
     return "Run it first, or name the stages to pin."
 
 

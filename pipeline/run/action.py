@@ -272,7 +272,13 @@ class _Action:
         return record
 
     def inputs(self, declared: Stage) -> dict[str, InputValue]:
-        """The artifacts of every input, as the stage takes them."""
+        """The artifacts of every input, as the stage takes them.
+
+        Raises UserError if an input that may lack failed ones, and does not say which failed, lost all of them.
+        """
+        for name, artifacts in self.given.items():
+            if not artifacts and name not in self.job.items and not declared.inputs[name].optional:
+                raise UserError(f"everything failed that is taken as {name!r}", remedy="What failed says why.")
         given: dict[str, InputValue] = {
             name: artifacts if declared.inputs[name].many else artifacts[0]
             for name, artifacts in self.given.items()

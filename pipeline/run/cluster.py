@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import dask
-from distributed import Client, Future, LocalCluster
+from distributed import Client, Future, LocalCluster, Security
 from distributed.scheduler import KilledWorker
 
 from pipeline.code.engine_code import engine_digest
@@ -47,6 +47,8 @@ SILENCE_HERE = 600.0  # the same for our own, a thread of this process: it may b
 LOOK_EVERY = 1.0  # seconds between two checks of the workers
 ANSWER = 10.0  # seconds that a scheduler has to answer, and a worker to hand over a result
 CLOSE = 5.0  # seconds that dask's processes have to exit
+PAUSED = "paused"  # by dask, where it set a limit for memory that is nearly reached; what it does goes on
+ALIVE = ("running", PAUSED)
 DIED = "its worker process died: killed from outside, out of memory, or crashed inside a library"
 
 
@@ -112,9 +114,9 @@ class DaskExecutor:
 
     def _connected(self, cluster: Any) -> Client:
         where = f"--scheduler {self._address}"
-        if self._address is not None and ":" not in self._address:  # dask would try for a minute, and print a traceback
+        if self._address is not None and (refusal := _refusal(self._address, where)):
             self._ends.close()
-            raise CommandError("not the address of a dask scheduler", where=where, expected="HOST:PORT")
+            raise refusal
         try:
             client = Client(cluster, timeout="20s", set_as_default=False)
         except (OSError, ValueError) as error:
@@ -218,7 +220,7 @@ class DaskExecutor:
         if self._address is None:
             return f"If it has more: --resources '{listed}'. Otherwise change the stage's 'resources' in the workflow."
         stated = f" --resources '{listed}'" if listed else ""
-        return f"Start one with: dask worker {self._address} --nthreads 1{stated}"
+        return f"Start one with: dask worker {self._address} --nthreads 1 --memory-limit 0{stated}"
 
     def _look(self) -> None:
         """Asks the scheduler once a second which workers there are; what a vanished worker was doing is lost."""
@@ -237,10 +239,12 @@ class DaskExecutor:
         found, processing = answer
         self._silence = 0.0
         self._changed = True
-        self._workers = [
-            self._worker(address, facts) for address, facts in found.items() if facts["status"] == "running"
-        ]
-        self._busy = frozenset(address for address, keys in processing.items() if not self._given.keys() >= set(keys))
+        self._workers = [self._worker(address, facts) for address, facts in found.items() if facts["status"] in ALIVE]
+        self._busy = frozenset(
+            address
+            for address, facts in found.items()
+            if facts["status"] == PAUSED or not self._given.keys() >= set(processing.get(address, ()))
+        )
         for key, given in list(self._given.items()):
             if given.worker.address not in found and given.future.status == "pending":
                 del self._given[key]
@@ -289,6 +293,19 @@ class DaskExecutor:
         for given in self._given.values():
             given.future.cancel()
         self._ends.close()
+
+
+def _refusal(address: str, where: str) -> CommandError | None:
+    """What is wrong with an address at which dask would try for a minute, and print a traceback."""
+    if ":" not in address:
+        return CommandError("not the address of a dask scheduler", where=where, expected="HOST:PORT")
+    if address.startswith("tls://") and Security().get_connection_args("client").get("ssl_context") is None:
+        return CommandError(
+            "the dask scheduler cannot be asked without certificates",
+            where=where,
+            remedy="Set DASK_DISTRIBUTED__COMM__TLS__… for the run as for the scheduler.",
+        )
+    return None
 
 
 def _closed(opened: Client | LocalCluster) -> None:

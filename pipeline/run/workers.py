@@ -22,7 +22,7 @@ from pipeline.orphans import end_with_parent
 from pipeline.run.cuda_process import cuda_is_broken, return_gpu_memory
 from pipeline.run.executor import Work
 from pipeline.run.freed_memory import keep_freed_memory, return_freed_memory
-from pipeline.run.process import THREADS, KernelCache
+from pipeline.run.process import THREADS, KernelCache, set_thread_policy
 
 SETTINGS: dict[str, Any] = {
     "distributed.scheduler.allowed-failures": 0,  # otherwise work that kills its worker would kill four
@@ -106,6 +106,7 @@ class PrepareWorker(WorkerPlugin):
         self.parent = parent
 
     def setup(self, worker: Any) -> None:
+        set_thread_policy()  # workers of a cluster were not started by us
         if self.parent is not None:
             end_with_parent(self.parent)
         faulthandler.enable(STANDARD_ERROR)

@@ -10,6 +10,7 @@ from pipeline.canonical import Json
 from pipeline.code.declaration import Catalogue, Completed, Declaration
 from pipeline.code.fingerprint import Code
 from pipeline.errors import CommandError, Place, UserError, nearest
+from pipeline.plain_text import listed
 from pipeline.resources import amount
 from pipeline.stage import Input
 from pipeline.workflow.located import Problems
@@ -113,14 +114,22 @@ class Graph:
         for stage in stages:
             found = [name for name, node in self.nodes.items() if stage in (name, node.entry)]
             if not found:
-                hint = nearest(stage, self.nodes)
-                raise CommandError(f"no stage {stage!r} in {self.workflow}; there are {', '.join(self.nodes)}{hint}")
+                raise CommandError(self._unknown(stage))
             wanted.update(found)
         for name in reversed(list(self.nodes)):
             if name in wanted:
                 wanted.update(self.nodes[name].upstream)
         chosen = {name: node for name, node in self.nodes.items() if name in wanted}
         return replace(self, nodes=chosen, whole=self.whole and len(chosen) == len(self.nodes))
+
+    def _unknown(self, stage: str) -> str:
+        """What to say of a name that is not there: stages as the file names them, or items of the stage that is."""
+        entry, item, _ = stage.partition("[")
+        entries = list(dict.fromkeys(node.entry for node in self.nodes.values()))
+        if item and entry in entries:
+            items = [name for name, node in self.nodes.items() if node.entry == entry]
+            return f"no {stage!r} in {self.workflow}; there are {listed(items)}"
+        return f"no stage {stage!r} in {self.workflow}; there are {', '.join(entries)}{nearest(entry, entries)}"
 
     @property
     def dependents(self) -> dict[str, list[str]]:

@@ -130,6 +130,9 @@ def _settings(settings: Sequence[str], problems: Problems) -> dict[str, Located]
         if not equals or not name:
             problems.add(Place(f"--set {setting}"), "expected NAME=VALUE or STAGE.PARAMETER=VALUE")
             continue
+        if not text.strip():  # such as of a shell's variable that is not set; YAML would take it for null
+            problems.add(place, "no value was given; null withdraws what the workflow states, '\"\"' is an empty text")
+            continue
         values[name] = _setting(name, text, place, problems)
     return values
 

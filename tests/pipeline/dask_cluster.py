@@ -43,8 +43,8 @@ class Cluster:
     def worker(self, name: str, resources: str = "", sources: Path = ROOT) -> subprocess.Popen[bytes]:
         """Starts a worker without a nanny, which runs the code in the folder `sources`."""
         stated = ["--resources", resources] if resources else []
-        options = ["--name", name, "--nthreads", "1", "--no-nanny", "--no-dashboard", "--host", "127.0.0.1"]
-        return self._start(name, ["worker", *options, *stated], sources)
+        options = ["--name", name, "--nthreads", "1", "--memory-limit", "0", "--no-nanny"]
+        return self._start(name, ["worker", *options, "--no-dashboard", "--host", "127.0.0.1", *stated], sources)
 
     def await_workers(self, number: int) -> None:
         """Returns when this many workers have joined."""

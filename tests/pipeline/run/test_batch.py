@@ -107,6 +107,18 @@ def test_a_report_of_failures_alone(batch: Workspace) -> None:
     assert rows(batch.run()) == [f"a.txt,bad.txt {{'left': 'a.txt', 'right': 'bad.txt'}} {CAUSE}"]
 
 
+def test_what_does_not_say_which_failed_needs_one_that_did_not(workspace: Workspace) -> None:
+    workspace.write("""
+        stages:
+          base: {uses: numbers}
+          bad:  {uses: fail, in: {numbers: base}, with: {how: user}}
+          sum:  {uses: total, in: {numbers: {all: bad, without_failed: true}}}
+        """)
+    ran = workspace.run()
+    assert ran.states["sum"] == "failed"
+    assert "everything failed that is taken as 'numbers'" in str(ran.ended["sum"])
+
+
 def test_without_being_told_so_nothing_goes_on(batch: Workspace) -> None:
     batch.write(BATCH.replace("without_failed: true", "without_failed: false"))
     assert batch.run().states == STATES | {"page": "skipped"}

@@ -19,8 +19,10 @@ from distributed import Client, LocalCluster, Security, Status
 
 from pipeline.errors import CommandError
 from pipeline.events import Noted
+from pipeline.resources import MEMORY
 from pipeline.run import cluster as cluster_module
-from pipeline.run.cluster import DaskExecutor
+from pipeline.run.cluster import LOOK_EVERY, DaskExecutor
+from pipeline.run.placement import lacking
 from pipeline.run.workers import SETTINGS, start_workers
 from tests.pipeline.dask_cluster import ROOT, Cluster, wait_until
 from tests.pipeline.helpers import Ran, Workspace
@@ -87,8 +89,8 @@ def test_resources_choose_the_worker(workspace: Workspace, cluster: Cluster) -> 
     cause = str(ran.ended["huge"].cause)
     assert cause.startswith("needs memory 1.819 TiB and gpu 3, which no worker has (tcp://127.0.0.1:")
     assert "has memory 953.7 MiB and gpu 1" in cause
-    start = f"Start one with: dask worker {cluster.address} --nthreads 1 --resources 'memory=2000000000000 gpu=3'"
-    assert cause.endswith(start)
+    start = f"Start one with: dask worker {cluster.address} --nthreads 1 --memory-limit 0"
+    assert cause.endswith(f"{start} --resources 'memory=2000000000000 gpu=3'")
     assert len([note for note in notes(ran) if "waiting 2 s for one" in note]) == 1
     processes = {ran.project.store.record(str(ran.ended[name].key)).provenance["facts"]["process"] for name in "ab"}  # type: ignore[union-attr]
     assert processes == {cluster.processes["accelerated"].pid}
@@ -222,6 +224,40 @@ def test_a_run_that_was_stopped_goes_on(
     assert stopped.wait(timeout=60)
     (folder / "open").touch()
     assert run.result().states == {"a": "ran"}
+
+
+def test_a_worker_that_dask_pauses_is_not_gone(workspace: Workspace, tmp_path: Path) -> None:
+    """Dask pauses a worker whose memory it limits; what waits for it waits until it works again."""
+    folder = gates(workspace, "ab")
+    with Cluster(tmp_path) as own, Client(own.address, set_as_default=False) as client:
+        own.worker("only")
+        own.await_workers(1)
+        run = Background(workspace, DaskExecutor(0, own.address, patience=1.0))
+        wait_until(lambda: any((folder / label).exists() for label in "ab"), "the first stage works")
+        client.run(lambda dask_worker: setattr(dask_worker, "status", Status.paused))
+        time.sleep(3 * LOOK_EVERY)
+        client.run(lambda dask_worker: setattr(dask_worker, "status", Status.running))
+        (folder / "open").touch()
+        ran = run.result()
+    assert ran.states == {"a": "ran", "b": "ran"}
+
+
+def test_without_certificates_no_scheduler_that_wants_them_is_asked() -> None:
+    with pytest.raises(CommandError, match="cannot be asked without certificates"):
+        DaskExecutor(0, "tls://127.0.0.1:9")
+
+
+def test_a_worker_of_a_cluster_has_all_memory_and_threads_that_sleep(tmp_path: Path) -> None:
+    with Cluster(tmp_path) as own, Client(own.address, set_as_default=False) as client:
+        own.worker("only")
+        own.await_workers(1)
+        executor = DaskExecutor(0, own.address)
+        executor.wait(lambda event: None, 0.0)
+        assert "--memory-limit 0" in executor._remedy({})
+        assert lacking({MEMORY: 1e15}, executor._workers) is None
+        [policy] = client.run(lambda: os.environ["OMP_WAIT_POLICY"]).values()
+        executor.close()
+    assert policy == "PASSIVE"
 
 
 def test_other_users_of_this_machine_are_refused() -> None:

@@ -59,6 +59,21 @@ def test_nothing_is_read_for_a_stage_that_is_none(here: Workspace, read: list[Pa
     assert read == []
 
 
+def test_a_mistyped_stage_of_many_rows_is_told_in_a_line(workspace: Workspace) -> None:
+    rows = ", ".join(f"{{a: {number}}}" for number in range(100))
+    workspace.write(f"""
+        vars: {{rows: [{rows}]}}
+        stages:
+          each: {{foreach: "${{rows}}", uses: numbers, with: {{count: "${{item.a}}"}}}}
+        """)
+    graph = workspace.open().graph
+    with pytest.raises(CommandError, match=r"no stage 'eahc' in .*; there are each; did you mean 'each'") as told:
+        graph.needed_for(["eahc"])
+    assert len(str(told.value)) < 200
+    with pytest.raises(CommandError, match=r"no 'each\[777\]' in .*; there are each\[0\], .* and 92 more"):
+        graph.needed_for(["each[777]"])
+
+
 @pytest.mark.parametrize(
     ("given", "there"), [("phtos", "photos"), ("phtos/fox", "photos/fox"), ("photos/fxo", "photos/fox")]
 )

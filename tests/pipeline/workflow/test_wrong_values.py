@@ -93,9 +93,17 @@ def test_each_reason_is_told(workspace: Workspace) -> None:
     ]
 
 
-@pytest.mark.parametrize("value", ["", "null", "~"])
+@pytest.mark.parametrize("value", ["", " "])
+def test_an_empty_value_is_not_taken_for_the_default(workspace: Workspace, value: str) -> None:
+    """As with an empty shell variable: `--set count=$COUNT` would otherwise withdraw what the workflow states."""
+    stated = "stages:\n  one: {uses: numbers, with: {count: 7}}"
+    [told] = workspace.write(stated).problems(f"one.count={value}")
+    assert told.startswith("--set one.count: no value was given; null withdraws what the workflow states")
+    assert workspace.problems("one.count=null") == []
+
+
+@pytest.mark.parametrize("value", ["null", "~"])
 def test_a_value_that_is_none_is_told_so(workspace: Workspace, value: str) -> None:
-    """As with an empty shell variable: `--set word=$WORD`."""
     said = """
     vars: {word: none}
     stages:
