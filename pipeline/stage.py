@@ -98,10 +98,9 @@ class Item:
 class LineageRecord:
     """One action that something was made from, as a report shows it.
 
-    `name` is the stage's name in the workflow, `uses` the kind of stage, `inputs` the names of the stages that it took
-    artifacts from, `seconds` how long it ran. `facts` describe the machine, and whatever the stage recorded, such as
-    its device; `versions` are those of Python and the libraries, `parameters` all except external paths. `private` says
-    whether any output is private.
+    `name` is the stage's name in the workflow, `uses` its kind, `inputs` the names of the stages that it took artifacts
+    from, `seconds` how long it ran. `facts` describe the machine, and what the stage recorded; `versions` are those of
+    Python and the libraries, `parameters` all except external paths. `private`: any of the `outputs` (digests) is.
     """
 
     name: str
@@ -112,6 +111,7 @@ class LineageRecord:
     versions: Mapping[str, str]
     parameters: Mapping[str, Json]
     private: bool
+    outputs: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

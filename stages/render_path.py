@@ -10,6 +10,7 @@ from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.feature_map import feature_map_picture
 from stages.analysis.filming import encoded
 from stages.analysis.videos import write_videos
+from stages.hiding.image_view import IMAGE_VIEW
 from stages.hiding.message_names import FEATURE_MAP
 from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.opening import read_container
@@ -54,17 +55,18 @@ class RenderPathParameters(Parameters):
 def render_path(context: Context, parameters: RenderPathParameters) -> None:
     """Film everything the owner sees along a smooth path of the training cameras, separately and side by side.
 
-    Public videos show only the cover; there are none if the container is private. `published` opens a sealed container
-    that was found and recovered.
+    A hidden image is left out, for only its own camera shows it. Public videos show only the cover; there are none if
+    the container is private. `published` opens a sealed container that was found and recovered.
     """
     torch.set_num_threads(parameters.threads)
-    container = context.input("container")
+    container, secret = context.input("container"), context.input_optional("secret")
     check_method(container, parameters.method)
     device = working_device()
-    read = read_container(container, context.input_optional("secret"), device, context.input_optional("published"))
+    read = read_container(container, secret, device, context.input_optional("published"))
     path = path_along(read_scene(context.input("cover")), parameters)
     filmed: dict[str, list[Picture]] = {}
-    for number, rendering in enumerate(read.photographs(path), start=1):
+    shown = () if secret is not None and IMAGE_VIEW in secret.attributes else None
+    for number, rendering in enumerate(read.photographs(path, shown), start=1):
         for title, picture in panels_of(read.gaussians, rendering).items():
             filmed.setdefault(title, []).append(enlarged(picture))
         context.progress(number, parameters.frames)

@@ -378,6 +378,7 @@ def read_lineage(store: Store, ancestors: Mapping[str, Ancestor]) -> tuple[Linea
                 versions=provenance["versions"],
                 parameters=parts["parameters"],
                 private=provenance["private"],
+                outputs=tuple(record.outputs.values()),
             )
         )
     return tuple(records)

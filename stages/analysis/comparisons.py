@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, cast
 
 import numpy as np
-from jaxtyping import UInt8
 
 from pipeline.artifact import Artifact, ArtifactWriter
+from stages.analysis.stored_views import StoredViews, Views, of_rows
 from stages.scene.attributes import mappings
 
 Role = Literal["cover", "message", "feature_map"]
@@ -17,7 +17,7 @@ Role = Literal["cover", "message", "feature_map"]
 
 @dataclass(frozen=True)
 class Comparison:
-    """K views of one picture, such as a message: `truth` beside `rendered`.
+    """K views of one picture, such as a message: `truth` beside `rendered`, uint8 [K, H, W, 3].
 
     The two are equal for a feature map, and if there is no truth (`has_truth` is False); the latter is stored once.
     """
@@ -27,8 +27,8 @@ class Comparison:
     method: str
     names: tuple[str, ...]
     splits: tuple[str, ...]
-    truth: UInt8[np.ndarray, "K H W 3"]
-    rendered: UInt8[np.ndarray, "K H W 3"]
+    truth: Views
+    rendered: Views
     has_truth: bool = True
 
     def of_views(self, names: Collection[str]) -> Comparison:
@@ -38,8 +38,8 @@ class Comparison:
             self,
             names=tuple(self.names[row] for row in rows),
             splits=tuple(self.splits[row] for row in rows),
-            truth=self.truth[rows],
-            rendered=self.rendered[rows],
+            truth=of_rows(self.truth, rows),
+            rendered=of_rows(self.rendered, rows),
         )
 
 
@@ -48,8 +48,8 @@ def write_comparisons(writer: ArtifactWriter, comparisons: Iterable[Comparison])
     described: list[Any] = []
     for position, comparison in enumerate(comparisons):
         if comparison.has_truth:
-            writer.write(f"{position}/truth", comparison.truth)
-        writer.write(f"{position}/rendered", comparison.rendered)
+            writer.write(f"{position}/truth", np.asarray(comparison.truth))
+        writer.write(f"{position}/rendered", np.asarray(comparison.rendered))
         described.append(
             {
                 "title": comparison.title,
@@ -64,7 +64,7 @@ def write_comparisons(writer: ArtifactWriter, comparisons: Iterable[Comparison])
 
 
 def read_comparisons(artifact: Artifact) -> tuple[Comparison, ...]:
-    """Read a `comparisons` artifact."""
+    """Read a `comparisons` artifact, whose pictures stay on disk: a page shows a few of all views."""
     return tuple(
         Comparison(
             title=str(entry["title"]),
@@ -72,8 +72,8 @@ def read_comparisons(artifact: Artifact) -> tuple[Comparison, ...]:
             method=str(entry["method"]),
             names=tuple(cast(list[str], entry["names"])),
             splits=tuple(cast(list[str], entry["splits"])),
-            truth=artifact.read(f"{position}/{'truth' if entry.get('has_truth', True) else 'rendered'}"),
-            rendered=artifact.read(f"{position}/rendered"),
+            truth=StoredViews(artifact, f"{position}/{'truth' if entry.get('has_truth', True) else 'rendered'}"),
+            rendered=StoredViews(artifact, f"{position}/rendered"),
             has_truth=bool(entry.get("has_truth", True)),
         )
         for position, entry in enumerate(mappings(artifact, "comparisons"))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Shaped
@@ -33,3 +33,9 @@ class StoredViews:
 
 Views = Shaped[np.ndarray, "V H W C"] | StoredViews
 """Views in memory or on disk."""
+
+
+def of_rows(views: Views, rows: Sequence[int]) -> Shaped[np.ndarray, "K H W C"]:
+    """These K views, in memory; K = 0 is allowed."""
+    chosen = [views[row] for row in rows]
+    return np.stack(chosen) if chosen else np.empty((0, *views.shape[1:]), views.dtype)

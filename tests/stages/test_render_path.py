@@ -26,7 +26,7 @@ MESSAGES = ["Zebraquartz", "statue"]
 SMALL = RenderPathParameters(method="gs_hider", frames=6, seconds=0.5)
 
 
-def hidden(folder: Path) -> dict[str, Artifact | tuple[Artifact, ...]]:
+def hidden(folder: Path, image_view: str | None = None) -> dict[str, Artifact | tuple[Artifact, ...]]:
     torch.manual_seed(0)
     settings = {"feature_dim": 8, "layers": 2, "decoder_width": 8, "precision": "float32", "messages": MESSAGES}
     method = build_method("gs_hider", settings)
@@ -35,7 +35,7 @@ def hidden(folder: Path) -> dict[str, Artifact | tuple[Artifact, ...]]:
     with create(folder / "container", "container") as writer:
         write_container(writer, gaussians_at(small.points(), attributes), method)
     with create(folder / "secret", "secret", private=True) as writer:
-        write_secret(writer, method, MESSAGES)
+        write_secret(writer, method, MESSAGES, image_view)
     return {
         "container": load(folder / "container"),
         "secret": load(folder / "secret"),
@@ -75,6 +75,11 @@ def test_without_the_secret_there_are_no_messages_and_the_same_cover(tmp_path: P
     assert set(filmed(anyone)) == {"cover", "feature map", "side by side"}
     assert filmed(anyone)["cover"] == filmed(owner)["cover"]
     assert anyone["public_videos"].digest == owner["public_videos"].digest
+
+
+def test_a_hidden_image_is_not_filmed_from_where_nothing_of_it_is_seen(tmp_path: Path) -> None:
+    made = run_stage(render_path, SMALL, hidden(tmp_path, small.NAMES[3]), tmp_path / "out")
+    assert set(filmed(made)) == {"cover", "feature map", "side by side"}
 
 
 def test_the_same_inputs_give_the_same_bytes(tmp_path: Path) -> None:

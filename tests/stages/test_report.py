@@ -17,11 +17,12 @@ from pipeline.artifact import Artifact, create, load
 from pipeline.stage import LineageRecord, Services, run_stage
 from stages.analysis.comparisons import Comparison, write_comparisons
 from stages.analysis.page import gallery
+from stages.analysis.page.material import public_lineage, public_material
 from stages.analysis.videos import Video, write_videos
 from stages.imaging.metric_table import MetricRow, write_rows
 from stages.imaging.pictures import picture_to_tensor
 from stages.imaging.psnr import psnr
-from stages.report import ReportParameters, report
+from stages.report import INPUTS, ReportParameters, report
 
 PLANTED = "Zebraquartz"
 """The name of the message, in everything private."""
@@ -182,13 +183,31 @@ def test_the_public_page_shows_the_scene(inputs: dict, tmp_path: Path) -> None:
         "3DGS",
         "synthesize",
         "9.8.7",
-        "courtyard",
+        "192",
     ):
         assert expected in text, expected
     assert "None of it is public." not in text
     assert shows(text, COVER.truth[0])
     assert shows(text, COVER.rendered[0])
     assert shows(text, PLAIN.rendered[0])
+
+
+def test_parameters_that_are_texts_are_not_on_the_public_page(inputs: dict, tmp_path: Path) -> None:
+    """They may be names of folders on the owner's disk."""
+    made = pages(inputs, tmp_path / "made")
+    assert "courtyard" in text_of(made["owner"])
+    assert "courtyard" not in text_of(made["public"])
+
+
+def test_the_public_page_says_how_what_it_shows_was_trained(inputs: dict) -> None:
+    """Private stages alone use the training, but its curve is public and on the page."""
+    [curve, _] = inputs["curves"]
+    trained = replace(record("plain", "train_scene", "cover", iterations=2000), outputs=(curve.digest,))
+    used = record("scores", "evaluate", "plain", private=True)
+    lineage = (*LINEAGE[:2], trained, used)
+    given = {name: inputs.get(name, ()) for name in INPUTS}
+    assert [each.uses for each in public_material(given, lineage).lineage] == ["synthesize", "sfm", "train_scene"]
+    assert [each.uses for each in public_lineage(lineage)] == []
 
 
 def test_an_artifact_that_is_private_is_not_read_for_the_public_page(inputs: dict, tmp_path: Path) -> None:

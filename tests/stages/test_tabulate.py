@@ -116,6 +116,39 @@ def test_the_public_page_tells_of_no_message_and_no_failure(made: dict[str, Arti
     assert "25.00" in page
 
 
+def owners_page(folder: Path, *scored: list[MetricRow]) -> str:
+    scores = tuple(metrics(folder / f"s{number}", rows, private=True) for number, rows in enumerate(scored))
+    items = tuple(item(number, each) for number, each in enumerate(scores))
+    made = run_stage(tabulate, TabulateParameters(), {"scores": scores}, folder / "out", items={"scores": items})
+    return made["owner"].file("report.html").read_text()
+
+
+def test_messages_that_hardly_any_view_shows_are_told(tmp_path: Path) -> None:
+    """Their figures are good without meaning much: most of each picture is black."""
+
+    def scored(legal: float) -> list[MetricRow]:
+        seen = MetricRow("legal", legal, "", "a.png", "test", PLANTED, method="gs_hider")
+        return rows(20.0) + secret_rows(26.0) + [seen]
+
+    page = owners_page(tmp_path, scored(1), scored(0))
+    [told] = re.findall(r'<p class="remark">([^<]*)</p>', page)
+    assert told.startswith(f"photos/town1 · photos/{PLANTED}1: The message fills less than 90 % of every test view")
+
+
+def test_a_mean_says_of_how_many_rows_it_is(tmp_path: Path) -> None:
+    page = owners_page(tmp_path, rows(20.0, 0.1), rows(22.0))
+    means = re.findall(r"<td[^>]*>([^<]*)</td>", page[page.index("Mean of 2") :])
+    assert means[:2] == ["22.00", "0.100 (of 1)"]
+
+
+def test_a_failed_item_that_is_no_row_has_the_name_of_its_stage(tmp_path: Path) -> None:
+    made = metrics(tmp_path / "s", rows(20.0), private=True)
+    items = (Item("first", {}, "first", made, None), Item("second", {}, "second", None, CAUSE))
+    out = run_stage(tabulate, TabulateParameters(), {"scores": (made,)}, tmp_path / "out", items={"scores": items})
+    page = out["owner"].file("report.html").read_text()
+    assert re.findall(r'<th scope="row">([^<]*)</th>', page) == ["first", "second"]
+
+
 def test_scenes_are_numbered_where_no_column_is_public(tmp_path: Path) -> None:
     artifact = metrics(tmp_path / "p", rows(20.0), private=False)
     given = {"scores": (), "public_scores": (item(4, artifact),)}

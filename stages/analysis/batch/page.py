@@ -6,10 +6,11 @@ import csv
 import io
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
 
+from pipeline.plain_text import listed
 from stages.analysis.batch.results import (
     COVER,
     MESSAGE,
@@ -19,6 +20,7 @@ from stages.analysis.batch.results import (
     SCENE,
     Figure,
     Result,
+    hardly_seen,
     mean_figure,
     measured,
 )
@@ -26,6 +28,7 @@ from stages.analysis.page.figures import MISSING, WORDING, label, write_figure, 
 from stages.analysis.page.html import fill, templates_beside
 from stages.analysis.page.placed import Placed
 from stages.analysis.page.summary import Tile
+from stages.scene.remarks import HARDLY_SEEN
 
 RESOURCES = ("templates/*",)
 TEMPLATES = templates_beside(__file__)
@@ -61,6 +64,7 @@ class BatchPage:
     means: Line | None
     note: str
     definitions: tuple[tuple[str, str], ...]
+    notices: tuple[str, ...] = ()
 
     @property
     def starts(self) -> tuple[int, ...]:
@@ -82,7 +86,9 @@ def owner_page(results: Sequence[Result], workflow: str) -> BatchPage:
     )
     names = tuple(dict.fromkeys(name for result in results for name in result.values))
     note = "Time: all stages behind a row together; stages shared by several rows count in each."
-    return _page(workflow, f"{told}.", tiles, names, results, OWNER_FIGURES, OWNER_SUBJECTS, note)
+    page = _page(workflow, f"{told}.", tiles, names, results, OWNER_FIGURES, OWNER_SUBJECTS, note)
+    rows = [" · ".join(filter(None, result.values.values())) for result in hardly_seen(made)]
+    return replace(page, notices=(f"{listed(rows)}: {HARDLY_SEEN}",) if rows else ())
 
 
 def public_page(results: Sequence[Result], columns: Sequence[str]) -> BatchPage:
@@ -133,7 +139,7 @@ def _page(
     made = [result for result in results if result.made]
     quantities = dict.fromkeys(wanted[index].column.quantity for index in shown)
     seconds = math.fsum(result.seconds for result in made) / len(made) if made else math.nan
-    means = [write_figure(wanted[index].column.quantity, mean_figure(results, index)) for index in shown]
+    means = [_mean(made, wanted[index], index) for index in shown]
     return BatchPage(
         title=title,
         summary=summary,
@@ -152,6 +158,13 @@ def _page(
         note=note,
         definitions=tuple(WORDING[quantity] for quantity in quantities),
     )
+
+
+def _mean(made: Sequence[Result], figure: Figure, index: int) -> str:
+    """The mean of a figure, and of how many rows it is if not of all."""
+    known = sum(not math.isnan(result.figures[index]) for result in made)
+    mean = write_figure(figure.column.quantity, mean_figure(made, index))
+    return mean if known in (0, len(made)) else f"{mean} (of {known})"
 
 
 def _line(

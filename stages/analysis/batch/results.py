@@ -24,10 +24,15 @@ class Figure:
     column: Column
 
 
+LEGAL = Figure(MESSAGE, Column("legal", "test"))
+"""The share of views that the message fills enough for its figures to mean something."""
+
 OWNER_FIGURES = (
     *(Figure(COVER, column) for column in PICTURE_COLUMNS),
     *(Figure(MESSAGE, column) for column in PICTURE_COLUMNS),
     Figure(MESSAGE, Column("psnr_covered", "test")),
+    Figure(MESSAGE, Column("psnr_constant", "test")),
+    LEGAL,
     *(Figure(REFERENCE, column) for column in PICTURE_COLUMNS),
     Figure(SCENE, Column("container_bytes")),
     Figure(SCENE, Column("gaussians")),
@@ -60,12 +65,13 @@ def read_result(
 ) -> Result:
     """The result of an item, with figures in the order of `wanted`, and those of the `placed` scenes behind it."""
     values = {name: "" if value is None else str(value) for name, value in item.values.items()}
+    named = values or {"stage": item.label}
     if item.artifact is None:
-        return Result(values, (math.nan,) * len(wanted), math.nan, item.cause or "not made")
+        return Result(named, (math.nan,) * len(wanted), math.nan, item.cause or "not made")
     rows = _by_subject(read_rows(item.artifact))
     behind = _behind(item.stage, lineage)
     return Result(
-        values or {"stage": item.label},
+        named,
         tuple(mean_of(rows[figure.subject], figure.column) for figure in wanted),
         math.fsum(record.seconds for record in behind),
         placed=tuple(scene for scene in placed if scene.stage in {record.name for record in behind}),
@@ -80,6 +86,12 @@ def measured(results: Sequence[Result], wanted: Sequence[Figure]) -> list[int]:
 def mean_figure(results: Sequence[Result], index: int) -> float:
     """The mean of one figure over the results that have it; NaN if none has."""
     return mean_value([MetricRow("", result.figures[index]) for result in results if result.made])
+
+
+def hardly_seen(results: Sequence[Result]) -> list[Result]:
+    """The results of `OWNER_FIGURES` whose messages were scored on test views, none of which is legal."""
+    index = OWNER_FIGURES.index(LEGAL)
+    return [result for result in results if result.made and result.figures[index] == 0]
 
 
 def _by_subject(rows: Sequence[MetricRow]) -> dict[str, list[MetricRow]]:

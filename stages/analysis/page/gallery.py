@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import UInt8
 
 from stages.analysis.comparisons import Comparison
 from stages.analysis.page.figures import write_figure
+from stages.analysis.stored_views import Views
 from stages.imaging.pictures import Picture, encode_jpeg, encode_png, picture_to_tensor, resize_picture
 from stages.imaging.psnr import psnr
 from stages.scene.even_spread import evenly_spread
@@ -165,5 +165,5 @@ def _residual(rendered: Picture, truth: Picture) -> Picture:
     return (difference * RESIDUAL_GAIN).clip(0, 255).astype(np.uint8)
 
 
-def _picture(pictures: UInt8[np.ndarray, "K H W 3"], comparison: Comparison, name: str) -> Picture:
+def _picture(pictures: Views, comparison: Comparison, name: str) -> Picture:
     return pictures[comparison.names.index(name)]

@@ -8,7 +8,7 @@ they lead to. Even the methods' names are replaced, since some of them reveal th
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from pipeline.artifact import Artifact
@@ -74,7 +74,8 @@ def owner_material(inputs: Inputs, lineage: Sequence[LineageRecord], scenes: Seq
 def public_material(inputs: Inputs, lineage: Sequence[LineageRecord], scenes: Sequence[Item] = ()) -> Material:
     """The public parts of the same inputs."""
     public = {name: [artifact for artifact in given if not artifact.private] for name, given in inputs.items()}
-    material = _gathered(public, public_lineage(lineage))
+    shown = {artifact.digest for given in public.values() for artifact in given}
+    material = _gathered(public, public_lineage(lineage, shown))
     return _named(
         replace(
             material,
@@ -82,41 +83,47 @@ def public_material(inputs: Inputs, lineage: Sequence[LineageRecord], scenes: Se
             curves=tuple(row for row in material.curves if is_public(row)),
             pictures=tuple(each for each in material.pictures if each.role in PUBLIC_ROLES),
             videos=tuple(each for each in material.videos if each.role in PUBLIC_ROLES),
-            placed=read_placed(public_scenes(scenes, public_stages(lineage))),
+            placed=read_placed(public_scenes(scenes, public_stages(lineage, shown))),
         ),
         neutral_titles,
     )
 
 
-def public_lineage(lineage: Sequence[LineageRecord]) -> tuple[LineageRecord, ...]:
+def public_lineage(lineage: Sequence[LineageRecord], shown: Collection[str] = ()) -> tuple[LineageRecord, ...]:
     """The stages that lead to something public through public stages alone, with public facts only.
 
-    A stage with any private output is left out, and so is a public one that only such stages use: the photos of
-    something that later becomes private reveal as much as the stage that makes it so. Also left out, as any of it may
-    reveal a message: the parameters of a stage that takes input from an omitted one; the stages' own names, which may
-    say what they serve ("cover"), with the columns of rows; and the modules that had changed when a result was
-    accepted.
+    A stage with any private output is left out, and so is a public one that only such stages use, unless an output of
+    its own is `shown` (a digest): the photos of something that later becomes private reveal as much as the stage that
+    makes it so. Also left out, as any of it may reveal a message or name a person: the parameters of a stage that takes
+    input from an omitted one, and all that are texts; the stages' own names, which may say what they serve ("cover"),
+    with the columns of rows; and the modules that had changed when a result was accepted.
     """
-    kept = public_stages(lineage)
+    kept = public_stages(lineage, shown)
     names = _names_to_the_public([record for record in lineage if record.name in kept])
     return tuple(
         replace(
             _with_public_facts(record),
             name=names[record.name],
             inputs=tuple(names[name] for name in record.inputs if name in kept),
-            parameters=record.parameters if all(name in kept for name in record.inputs) else {},
+            parameters=_numbers(record.parameters) if all(name in kept for name in record.inputs) else {},
         )
         for record in lineage
         if record.name in kept
     )
 
 
-def public_stages(lineage: Sequence[LineageRecord]) -> frozenset[str]:
-    """Names of the stages that lead to something public through public stages alone."""
+def _numbers(parameters: Mapping[str, object]) -> dict[str, int | float | None]:
+    """The parameters that are numbers, yes or no, or null: texts may be names of folders or photos."""
+    return {name: value for name, value in parameters.items() if value is None or isinstance(value, int | float)}
+
+
+def public_stages(lineage: Sequence[LineageRecord], shown: Collection[str] = ()) -> frozenset[str]:
+    """Names of the stages that lead to something public, or `shown`, through public stages alone."""
     kept: set[str] = set()
     for record in reversed(lineage):
         consumers = [later.name for later in lineage if record.name in later.inputs]
-        if not record.private and (not consumers or any(name in kept for name in consumers)):
+        is_shown = any(digest in shown for digest in record.outputs)
+        if not record.private and (is_shown or not consumers or any(name in kept for name in consumers)):
             kept.add(record.name)
     return frozenset(kept)
 
