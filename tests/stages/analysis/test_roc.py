@@ -119,17 +119,34 @@ def test_intervals_cover_the_truth() -> None:
 def test_intervals_cover_the_truth_where_neighbours_look_alike(paired: bool) -> None:
     """One scene of 250 views; scores of neighbouring views have a correlation of 0.9, as with renders."""
     generator = np.random.default_rng(0)
-
-    def neighbours_alike() -> np.ndarray:
-        return lfilter([1], [1, -0.9], generator.normal(0, (1 - 0.9**2) ** 0.5, 350))[100:]
-
     covered = 0
     for seed in range(60):
-        common = neighbours_alike() if paired else 0
-        scene = DetectorScores(common + neighbours_alike() + 0.5, common + neighbours_alike(), paired)
-        area = bootstrap_area([scene], seed, repeats=300)
+        common = neighbours_alike(generator, 0.9) if paired else 0
+        positives, negatives = (common + neighbours_alike(generator, 0.9) + shift for shift in (0.5, 0))
+        area = bootstrap_area([DetectorScores(positives, negatives, paired)], seed, repeats=300)
         covered += area.low <= norm.cdf(0.5 / (2 + 2 * paired) ** 0.5) <= area.high
     assert covered >= 50
+
+
+def neighbours_alike(generator: np.random.Generator, correlation: float) -> np.ndarray:
+    """Scores of 250 views, with deviation 1 and this correlation between neighbours."""
+    steps = generator.normal(0, (1 - correlation**2) ** 0.5, 350)
+    return lfilter([1], [1, -correlation], steps)[100:]
+
+
+def test_intervals_of_pairs_seldom_claim_too_much() -> None:
+    """What a view shows decides its score, and both classes show the same; noise of their own is a tenth of that.
+
+    Views near each other are then told apart best, and a run that is drawn twice is compared with itself more often.
+    """
+    generator = np.random.default_rng(0)
+    truth = norm.cdf(0.3 / (2 * (1 + 0.1**2)) ** 0.5)
+    above = 0
+    for seed in range(200):
+        common = neighbours_alike(generator, 0.95)
+        positives, negatives = (common + 0.1 * neighbours_alike(generator, 0.5) + shift for shift in (0.3, 0))
+        above += bootstrap_area([DetectorScores(positives, negatives, paired=True)], seed, repeats=300).low > truth
+    assert above <= 30
 
 
 def test_an_interval_leaves_out_one_in_forty_at_either_end() -> None:
