@@ -8,12 +8,14 @@ correspond. The same architecture thus serves pictures and feature maps.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import groupby, islice
+from operator import attrgetter
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float32
+from jaxtyping import Float, Float32, Shaped
 from torch import Tensor
 
 from stages.analysis import stored_views
@@ -24,6 +26,12 @@ TRUNCATION = 3.0
 
 CONTRAST = 64.0
 """The standard deviation to which each channel of a feature map is scaled, similar to a picture's in grey levels."""
+
+CUT_AT_ONCE = 2400
+"""The number of pairs of crops that are in memory at once: 0.6 GB of 16 channels, 64 pixels a side.
+
+Reading and decoding a large view takes longer than a training step, so each is read once for all of these crops.
+"""
 
 FILTERS = torch.tensor(
     [
@@ -73,10 +81,13 @@ class Views:
     values: stored_views.Views  # [V, H, W, C], bytes or float16
     gains: Float32[np.ndarray, "V C"]
 
-    def tensor(self, view: int, top: int = 0, left: int = 0, size: int | None = None) -> Float[Tensor, "C H W"]:
-        """A scaled view, or a `size` x `size` crop, cut at the borders."""
-        rows, columns = (slice(start, None if size is None else start + size) for start in (top, left))
-        values = self.values[view][rows, columns].astype(np.float32) * self.gains[view]
+    def tensor(self, view: int) -> Float[Tensor, "C H W"]:
+        """A scaled view."""
+        return self.scaled(view, self.values[view])
+
+    def scaled(self, view: int, crop: Shaped[np.ndarray, "H W C"]) -> Float[Tensor, "C H W"]:
+        """A crop of a view, scaled as the view is."""
+        values = crop.astype(np.float32) * self.gains[view]
         return torch.from_numpy(np.ascontiguousarray(values.transpose(2, 0, 1)))
 
 
@@ -111,10 +122,10 @@ def train_detector(
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         detector = ResidualDetector().to(device)
-    generator = np.random.default_rng(seed)
+    pairs = _pairs(scenes, size, iterations * batch, np.random.default_rng(seed))
     optimizer = Adam(detector.parameters(), lr=1e-3)
     for iteration in range(1, iterations + 1):
-        both = [_places(scenes[int(generator.integers(len(scenes)))], size, generator) for _ in range(batch)]
+        both = list(islice(pairs, batch))
         hidden, clean = (_logits(detector, [pair[side] for pair in both]) for side in (0, 1))
         loss = torch.nn.functional.softplus(-hidden).mean() + torch.nn.functional.softplus(clean).mean()
         optimizer.zero_grad(set_to_none=True)
@@ -131,14 +142,50 @@ def detector_scores(detector: ResidualDetector, views: Views) -> list[float]:
     return [float(detector(views.tensor(view).to(device).unsqueeze(0))) for view in range(len(views.values))]
 
 
-def _places(scene: tuple[Views, Views], size: int, generator: np.random.Generator) -> tuple[Tensor, Tensor]:
-    """The same crop of the same view from both classes, randomly flipped; a side shorter than `size` is kept whole."""
-    count, height, width, _ = scene[0].values.shape
+@dataclass(frozen=True)
+class Place:
+    """Where a crop is cut from a view of a scene, and the axes of `[C, H, W]` along which it is flipped."""
+
+    scene: int
+    view: int
+    top: int
+    left: int
+    flipped: tuple[int, ...]
+
+
+def _pairs(
+    scenes: Sequence[tuple[Views, Views]], size: int, count: int, generator: np.random.Generator
+) -> Iterator[tuple[Tensor, Tensor]]:
+    """`count` times the same random crop of the same view from both classes, `CUT_AT_ONCE` of them at once."""
+    for first in range(0, count, CUT_AT_ONCE):
+        places = [_place(scenes, size, generator) for _ in range(min(CUT_AT_ONCE, count - first))]
+        crops = [_crops([scene[side] for scene in scenes], places, size) for side in (0, 1)]
+        for place, *both in zip(places, *crops, strict=True):
+            hidden, clean = (
+                views.scaled(place.view, crop).flip(place.flipped)
+                for views, crop in zip(scenes[place.scene], both, strict=True)
+            )
+            yield hidden, clean
+
+
+def _place(scenes: Sequence[tuple[Views, Views]], size: int, generator: np.random.Generator) -> Place:
+    """A random place; a side shorter than `size` is kept whole."""
+    scene = int(generator.integers(len(scenes)))
+    count, height, width, _ = scenes[scene][0].values.shape
     view = int(generator.integers(count))
     top, left = (int(generator.integers(max(1, side - size + 1))) for side in (height, width))
-    flipped = [axis for axis in (1, 2) if generator.random() < 0.5]
-    hidden, clean = (views.tensor(view, top, left, size).flip(flipped) for views in scene)
-    return hidden, clean
+    return Place(scene, view, top, left, tuple(axis for axis in (1, 2) if generator.random() < 0.5))
+
+
+def _crops(scenes: Sequence[Views], places: Sequence[Place], size: int) -> list[Shaped[np.ndarray, "H W C"]]:
+    """The crop at each place, not scaled. Each view is read once, and only one is in memory at a time."""
+    found = {}
+    view_of = attrgetter("scene", "view")
+    for (scene, view), own in groupby(sorted(places, key=view_of), view_of):
+        values = scenes[scene].values[view]
+        for place in own:
+            found[place] = values[place.top : place.top + size, place.left : place.left + size].copy()
+    return [found[place] for place in places]
 
 
 def _logits(detector: ResidualDetector, places: Sequence[Tensor]) -> Tensor:

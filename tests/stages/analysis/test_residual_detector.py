@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 import torch
@@ -9,11 +11,12 @@ import torch
 from stages.analysis.residual_detector import (
     ResidualDetector,
     Views,
-    _places,
+    _pairs,
     detector_scores,
     train_detector,
     views_of,
 )
+from stages.analysis.stored_views import StoredViews
 
 
 def scene(seed: int, channels: int = 3, amplitude: float = 0.0) -> np.ndarray:
@@ -98,9 +101,7 @@ def test_nothing_to_learn_from_is_said() -> None:
 def test_hidden_and_clean_are_seen_at_the_same_places() -> None:
     """Content is then no hint: two equal containers give equal crops."""
     views = views_of(scene(0))
-    generator = np.random.default_rng(0)
-    for _ in range(20):
-        hidden, clean = _places((views, views), 16, generator)
+    for hidden, clean in _pairs([(views, views)], 16, 20, np.random.default_rng(0)):
         assert hidden.shape == (3, 16, 16)
         assert torch.equal(hidden, clean)
 
@@ -108,7 +109,29 @@ def test_hidden_and_clean_are_seen_at_the_same_places() -> None:
 def test_places_are_turned_over_in_every_way() -> None:
     views = views_of(scene(0)[:1])
     ways = [(), (1,), (2,), (1, 2)]
-    generator = np.random.default_rng(0)
     whole = views.tensor(0)
-    places = [_places((views, views), 64, generator)[0] for _ in range(40)]
+    places = [place for place, _ in _pairs([(views, views)], 64, 40, np.random.default_rng(0))]
     assert {way for way in ways for place in places if torch.equal(place, whole.flip(way))} == {*ways}
+
+
+class CountedViews(StoredViews):
+    """Views that stay in memory, and count how often one is read."""
+
+    def __init__(self, values: np.ndarray):
+        self.values, self.shape, self.dtype = values, values.shape, values.dtype
+        self.reads = 0
+
+    def __getitem__(self, view: int) -> np.ndarray:
+        self.reads += 1
+        return self.values[view]
+
+    def __iter__(self) -> Iterator[np.ndarray]:
+        return iter(self.values)
+
+
+def test_a_view_is_read_once_however_many_crops_are_cut_from_it() -> None:
+    """Views on disk are large, and take longer to decode than a training step."""
+    counted = [CountedViews(scene(number).astype(np.float16)) for number in range(4)]
+    hidden, again, clean, clean_again = map(views_of, counted)
+    train_detector([(hidden, clean), (again, clean_again)], 0, iterations=20, batch=4, size=24)
+    assert [each.reads for each in counted] == [6, 6, 6, 6]
