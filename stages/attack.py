@@ -16,7 +16,7 @@ from stages.analysis.attacks.registry import attacks
 from stages.analysis.attacks.scoring import Scorer
 from stages.analysis.attacks.target import Knowledge, Target
 from stages.analysis.fidelity import Perceptual
-from stages.analysis.kept import kept
+from stages.analysis.kept import kept, name_on
 from stages.analysis.measurements import KIND, write_measurements
 from stages.analysis.seeds import DistinctSeeds
 from stages.hiding.method_names import MethodName, module_of
@@ -86,6 +86,7 @@ def attack(context: Context, parameters: AttackParameters) -> None:
     scene = read_scene(context.input("cover"))
     messages = read_messages(context.input_many("messages"), scene.cameras.names)
     hidden, device = at_least_one_hidden(messages, secret, "attack"), working_device()
+    drawn_by = describe_drawing(device)
     target, owner = Target(read_gaussians(container), read_method(container)), read_method(container, secret)
     opened = opener(owner, secret, target.gaussians)
     assay = Assay(
@@ -99,12 +100,12 @@ def attack(context: Context, parameters: AttackParameters) -> None:
         context.stop_if_requested,
     )
     every = attacks(parameters.reoptimised)
-    rows = list(kept(context.scratch, UNATTACKED, assay.unattacked))
+    rows = list(kept(context.scratch, name_on(drawn_by, UNATTACKED.encode()), assay.unattacked))
     for done, name in enumerate(parameters.attacks):
         context.progress(done, len(parameters.attacks))
-        rows += kept(context.scratch, name, partial(assay.curve, name, every[name]))
+        rows += kept(context.scratch, name_on(drawn_by, name.encode()), partial(assay.curve, name, every[name]))
     write_measurements(context.output("measurements"), rows)
-    context.record(device=describe_drawing(device))
+    context.record(device=drawn_by)
 
 
 def _measured_views(scene: Scene, most: int) -> list[str]:

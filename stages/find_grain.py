@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
 from functools import partial
-from pathlib import Path
 
 import torch
 from pydantic import Field
@@ -12,7 +10,7 @@ from pydantic import Field
 from opencl.routes import describe_drawing, working_device
 from pipeline.errors import Interrupted
 from pipeline.stage import Context, Input, Output, Parameters, stage
-from stages.analysis.kept import kept
+from stages.analysis.kept import kept, name_on
 from stages.analysis.measurements import KIND, Measurement, write_measurements
 from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.storage import check_method
@@ -54,6 +52,7 @@ def find_grain(context: Context, parameters: FindGrainParameters) -> None:
     one row, which says so.
 
     Scores are cached as they are found, so that a run over thousands of pictures loses none of them if it is killed.
+    Copies of a picture share one score.
     """
     torch.set_num_threads(parameters.threads)
     before = context.input("before")
@@ -70,7 +69,7 @@ def find_grain(context: Context, parameters: FindGrainParameters) -> None:
             raise Interrupted(f"stopped before picture {done + 1} of {len(names)}")
         path = picture_path(capture, name)
         picture = read_picture(path)
-        [row] = kept(context.scratch, _kept_as(path, drawn_by), partial(_scored, reader, picture))
+        [row] = kept(context.scratch, name_on(drawn_by, path.read_bytes()), partial(_scored, reader, picture))
         score = row.value
         context.log(f"{name}: {_told(picture, score)}")
         for quantity, value in ((SCORE, score), (FOUND, float(score >= CERTAIN))):
@@ -84,14 +83,6 @@ def find_grain(context: Context, parameters: FindGrainParameters) -> None:
 
 def _scored(reader: GrainReader, picture: Picture) -> list[Measurement]:
     return [Measurement(SCORE, reader.score(picture), "picture")]
-
-
-def _kept_as(path: Path, device: str) -> str:
-    """The name under which a picture's score is cached: a hash of its bytes and of the device.
-
-    Nothing else can differ within one scratch folder. Copies of a picture share one score.
-    """
-    return hashlib.sha256(device.encode() + b"\0" + path.read_bytes()).hexdigest()
 
 
 def _told(picture: Picture, score: float) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import shutil
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -26,3 +27,11 @@ def kept(folder: Path, name: str, measure: Callable[[], Iterable[Measurement]]) 
     with create(place, KIND, private=True) as writer:
         write_measurements(writer, rows)
     return rows
+
+
+def name_on(device: str, measured: bytes) -> str:
+    """The name for rows of what is `measured` on a device, which `describe_drawing` describes: a hash of both.
+
+    Devices round differently, so a stage that resumes on another one measures again.
+    """
+    return hashlib.sha256(device.encode() + b"\0" + measured).hexdigest()

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from opencl.routes import describe_drawing, working_device
 from pipeline.artifact import MANIFEST, Artifact
 from pipeline.errors import Interrupted, UserError
 from pipeline.stage import run_stage
 from stages.analysis.attacks.catalogue import ATTACKS, ONE_COLOUR, UNATTACKED, restored
-from stages.analysis.kept import kept
+from stages.analysis.kept import kept, name_on
 from stages.analysis.measurements import MEASUREMENTS_FILE, Measurement, read_measurements, to_lines
 from stages.attack import AttackParameters, attack
 from stages.evaluate import EvaluateParameters, evaluate
@@ -87,19 +88,36 @@ def test_a_container_of_another_method_is_refused(tmp_path: Path) -> None:
         run_stage(attack, AttackParameters(method="gs_hider"), inputs(tmp_path, "sh"), tmp_path / "attacked")
 
 
-def test_it_stops_when_it_is_asked_to_and_goes_on_with_the_next_attack(tmp_path: Path) -> None:
-    parameters = AttackParameters.model_validate({**QUICK, "method": "sh", "attacks": ("quantisation", "stripping")})
-    given, asking = inputs(tmp_path, "sh"), Asking(stop_at=SECOND_ATTACK)
+TWO_ATTACKS = AttackParameters.model_validate({**QUICK, "method": "sh", "attacks": ("quantisation", "stripping")})
+
+
+def stopped(folder: Path, given: dict[str, Artifact | tuple[Artifact, ...]]) -> Path:
+    """The scratch folder of a run that was stopped in the second of `TWO_ATTACKS`."""
     with pytest.raises(Interrupted):
-        run_stage(attack, parameters, given, tmp_path / "attacked", services=asking.services())
-    scratch = tmp_path / "attacked" / ".scratch"
-    assert (scratch / "quantisation").is_dir()
-    assert not (scratch / "stripping").exists()
+        run_stage(attack, TWO_ATTACKS, given, folder, services=Asking(stop_at=SECOND_ATTACK).services())
+    return folder / ".scratch"
+
+
+def test_it_stops_when_it_is_asked_to_and_goes_on_with_the_next_attack(tmp_path: Path) -> None:
+    given = inputs(tmp_path, "sh")
+    scratch = stopped(tmp_path / "attacked", given)
+    device = describe_drawing(working_device())
+    assert (scratch / name_on(device, b"quantisation")).is_dir()
+    assert not (scratch / name_on(device, b"stripping")).exists()
     shutil.copytree(scratch, tmp_path / "again" / ".scratch")
-    again = run_stage(attack, parameters, given, tmp_path / "again", services=(second := Asking()).services())
-    whole = run_stage(attack, parameters, given, tmp_path / "whole", services=(third := Asking()).services())
+    again = run_stage(attack, TWO_ATTACKS, given, tmp_path / "again", services=(second := Asking()).services())
+    whole = run_stage(attack, TWO_ATTACKS, given, tmp_path / "whole", services=(third := Asking()).services())
     assert second.looks < third.looks
     assert read_measurements(again["measurements"]) == read_measurements(whole["measurements"])
+
+
+def test_what_another_device_measured_is_measured_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    given = inputs(tmp_path, "sh")
+    shutil.copytree(stopped(tmp_path / "attacked", given), tmp_path / "again" / ".scratch")
+    monkeypatch.setattr("stages.attack.describe_drawing", lambda device: "another device")
+    run_stage(attack, TWO_ATTACKS, given, tmp_path / "again", services=(again := Asking()).services())
+    run_stage(attack, TWO_ATTACKS, given, tmp_path / "whole", services=(whole := Asking()).services())
+    assert again.looks == whole.looks
 
 
 @pytest.mark.parametrize("left", ["", "{", "half", "lines"])
