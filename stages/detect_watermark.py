@@ -47,7 +47,7 @@ from stages.imaging.photo_digests import HELD_OUT
 from stages.imaging.pictures import Picture, picture_to_tensor
 from stages.imaging.psnr import psnr
 from stages.imaging.shipped_photos import ShippedPhotos, longest_for, read_photo
-from stages.imaging.windows import windows_of_all
+from stages.imaging.windows import is_as_large, windows_of_all
 from stages.scene.camera_path import camera_path
 from stages.scene.cameras import Cameras
 from stages.scene.scene import Scene, read_scene
@@ -88,7 +88,8 @@ class DetectWatermarkParameters(Parameters):
         3200,
         ge=1,
         description="Minimum number of pictures of other scenes, split equally among the sources; as many of the cover "
-        "without the watermark are added, and as many noisy ones as one source has.",
+        "without the watermark are added, and as many noisy ones as one source has. Photos smaller than the scene's "
+        "pictures are left out; the log says how many of the shipped ones.",
     )
     distorted_of: int = Field(
         20,
@@ -287,6 +288,9 @@ def _negatives(
         for name, window in windows(photos, amounts.each):
             yield Negative(OTHER_PHOTOS, name, OTHER_SCENES), window
     shipped = [(name, read_photo(name, longest_for(*size))) for name in parameters.shipped_photos]
+    large = sum(is_as_large(photo, *size) for _, photo in shipped)
+    if large < (every := len(shipped)):
+        context.log(f"{large} of {every} shipped photos are as large as the scene's pictures; the others are left out")
     for name, window in windows(shipped, amounts.each if shipped else 0):
         yield Negative(OTHER_PHOTOS, name, OTHER_SCENES), window
     for name, window in windows(shipped, amounts.each if shipped else 0):

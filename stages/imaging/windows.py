@@ -39,6 +39,11 @@ def windows_of_all(
                 count, left[row] = count - 1, left[row] - 1
 
 
+def is_as_large(photo: Picture, width: int, height: int) -> bool:
+    """Whether `windows_of_all` yields windows of this photo."""
+    return _most_windows(photo, width, height) > 0
+
+
 def _most_windows(photo: Picture, width: int, height: int) -> float:
     """The number of different windows; infinite if their size can vary, too."""
     across, down = photo.shape[1] - width, photo.shape[0] - height

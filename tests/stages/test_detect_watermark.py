@@ -378,6 +378,28 @@ def test_photos_of_other_things_are_tried_with_noise_too(
     assert deviations[3:] == pytest.approx([5, 5, 5], rel=0.2)
 
 
+def test_the_log_says_how_many_photos_are_smaller_than_the_scene(
+    tmp_path: Path, given: Inputs, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One is a pixel too narrow: it would have to be enlarged."""
+    photos = {
+        "coffee.png": np.zeros((60, 80, 3), np.uint8),
+        "brick.png": np.zeros((small.HEIGHT, small.WIDTH - 1, 3), np.uint8),
+    }
+    monkeypatch.setattr("stages.detect_watermark.read_photo", lambda name, longest: photos[name])
+    monkeypatch.setattr("stages.detect_watermark.trial_rows", lambda _, __, negatives, *rest: [*negatives][:0])
+    parameters = DetectWatermarkParameters(method="plain", renders=2, negatives=2, shipped_photos=())
+
+    def log(*names: str) -> list[str]:
+        asking, chosen = Asking(), parameters.model_copy(update={"shipped_photos": names})
+        run_stage(detect_watermark, chosen, given, tmp_path / " ".join(names), services=asking.services())
+        return [line for line in asking.lines if "shipped" in line]
+
+    told = "1 of 2 shipped photos are as large as the scene's pictures; the others are left out"
+    assert log("coffee.png", "brick.png") == [told]
+    assert log("coffee.png") == []
+
+
 def test_photos_of_the_cover_are_those_of_its_test_views(tmp_path: Path, inputs: Inputs) -> None:
     """Decoders learnt from training views: here only they are white, and no white photo is returned."""
     scene = read_scene(cast(Artifact, inputs["cover"]))
