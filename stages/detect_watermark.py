@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import astuple, dataclass, replace
+from functools import partial
 from itertools import chain
 from typing import Literal
 
@@ -28,6 +29,7 @@ from stages.analysis.watermark_trials import (
     COVER_CONTROL,
     OTHER_SCENES,
     OWN_SCENE,
+    AttackedRenders,
     Detector,
     Negative,
     Positives,
@@ -200,18 +202,23 @@ def _positives(context: Context, parameters: DetectWatermarkParameters, scene: S
         list(zip(scene.test_names, tests, strict=True)),
         [] if is_known else [*new[::2]],
         [*new] if is_known else [*new[1::2]],
-        [*_attacked(container, parameters.seed, path.select(path.names[1::2]), context.stop_if_requested)],
+        _attacked(container, parameters.seed, path.select(path.names[1::2])),
     )
 
 
-def _attacked(
-    container: Artifact, seed: int, cameras: Cameras, after_each: Callable[[], None]
-) -> Iterator[tuple[str, float, list[Picture]]]:
+def _attacked(container: Artifact, seed: int, cameras: Cameras) -> list[AttackedRenders]:
     target, device = Target(read_gaussians(container), read_method(container)), working_device()
-    for name, severity, changed in attacked_containers(target, seed):
+
+    def shown(attacked: Callable[[], Target]) -> Iterator[Picture]:
+        changed = attacked()
         method = copy.deepcopy(changed.method)
         move_networks(method, device)
-        yield name, severity, [*renders(changed.gaussians.to(device), method, cameras, after_each)]
+        yield from each_render(changed.gaussians.to(device), method, cameras)
+
+    return [
+        AttackedRenders(name, severity, len(cameras), partial(shown, attacked))
+        for name, severity, attacked in attacked_containers(target, seed)
+    ]
 
 
 def _fidelity(context: Context, scene: Scene, positives: Positives) -> Iterator[Measurement]:

@@ -132,24 +132,34 @@ def stretched(watermark: Picture, picture: Picture) -> Float[Tensor, "H W 3"]:
 
 
 @dataclass(frozen=True)
+class AttackedRenders:
+    """Renders of a container after an attack of this name and severity: `renders` makes `count` of them, one by one."""
+
+    name: str
+    severity: float
+    count: int
+    renders: Callable[[], Iterable[Picture]]
+
+
+@dataclass(frozen=True)
 class Positives:
     """Renders with the watermark.
 
     `tests` are the scene's test views by name; `calibration` and `others` are from new cameras. The threshold is set on
-    `calibration`, and everything else is measured on the rest. `attacked` are renders of the same container after an
-    attack: its name, its severity, and the renders.
+    `calibration`, and everything else is measured on the rest. `attacked` are of the same container after attacks, and
+    are made when their turn comes.
     """
 
     tests: Sequence[tuple[str, Picture]]
     calibration: Sequence[Picture]
     others: Sequence[Picture]
-    attacked: Sequence[tuple[str, float, Sequence[Picture]]] = ()
+    attacked: Sequence[AttackedRenders] = ()
 
     @property
     def looked_at(self) -> int:
         """The number of looks that `trial_rows` takes at these pictures."""
         held_out = len(self.tests) + len(self.others)
-        attacked = sum(len(pictures) for _, _, pictures in self.attacked)
+        attacked = sum(each.count for each in self.attacked)
         return len(self.tests) + len(self.calibration) + (1 + len(DISTORTIONS)) * held_out + attacked
 
 
@@ -164,8 +174,8 @@ def trial_rows(
 
     Detection is measured on clean, distorted and attacked renders. Negatives yield false positives with upper bounds
     for each kind and total, and the reader's mean figures for each kind; distorted ones yield only false positives. For
-    a reader without a threshold of its own, `THRESHOLD_AT_99` and its rates follow. Only one picture of `negatives` is
-    held at a time. Raises `ValueError` if such a reader has no calibration renders.
+    a reader without a threshold of its own, `THRESHOLD_AT_99` and its rates follow. Only one picture of `negatives`, or
+    of an attacked container, is held at a time. Raises `ValueError` if such a reader has no calibration renders.
     """
 
     def look(picture: Picture) -> Shown:
@@ -187,8 +197,9 @@ def trial_rows(
     for distortion in DISTORTIONS:
         shares = [look(picture).share for picture in _distorted(distortion, held_out, seed)]
         yield from _detected(distortion.name, distortion.severity, shares, threshold)
-    for name, severity, pictures in positives.attacked:
-        yield from _detected(name, severity, [look(picture).share for picture in pictures], threshold)
+    for attacked in positives.attacked:
+        shares = [look(picture).share for picture in attacked.renders()]
+        yield from _detected(attacked.name, attacked.severity, shares, threshold)
     trials = [(each, look(picture)) for each, picture in negatives]
     yield from _negative_rows([trial for trial in trials if trial[0].distortion is None], threshold)
     yield from _distorted_rows(trials, threshold)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
+from functools import partial
 
 import torch
 
@@ -13,15 +14,26 @@ from stages.analysis.attacks.target import Target
 from stages.analysis.watermark_trials import NOISE, PRUNING, QUANTISATION
 
 
-def attacked_containers(target: Target, seed: int) -> Iterator[tuple[str, float, Target]]:
-    """Attacked containers, each with its attack's name and severity. The stage `attack` measures the cover's loss."""
+def attacked_containers(target: Target, seed: int) -> list[tuple[str, float, Callable[[], Target]]]:
+    """Each attack's name, its severity, and a function that makes the attacked container.
+
+    The stage `attack` measures the cover's loss.
+    """
 
     def generator() -> torch.Generator:
         return torch.Generator().manual_seed(seed)
 
-    for share in (0.05, 0.25):
-        yield PRUNING, share, random_pruning(target, share, generator())
-    for bits in (8, 5):
-        yield QUANTISATION, bits, quantisation(target, bits)
-    for spread in (0.1, 0.2):
-        yield NOISE, spread, noise([])(target, spread, generator())
+    def pruned(share: float) -> Target:
+        return random_pruning(target, share, generator())
+
+    def quantised(bits: int) -> Target:
+        return quantisation(target, bits)
+
+    def noisy(spread: float) -> Target:
+        return noise([])(target, spread, generator())
+
+    return [
+        *((PRUNING, share, partial(pruned, share)) for share in (0.05, 0.25)),
+        *((QUANTISATION, bits, partial(quantised, bits)) for bits in (8, 5)),
+        *((NOISE, spread, partial(noisy, spread)) for spread in (0.1, 0.2)),
+    ]

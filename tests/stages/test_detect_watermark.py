@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import cast
 
@@ -40,6 +41,7 @@ from stages.analysis.watermark_trials import (
     THRESHOLD,
     THRESHOLD_AT_99,
     TRIALS,
+    AttackedRenders,
     Detector,
     Negative,
     Positives,
@@ -55,6 +57,9 @@ from stages.detect_watermark import (
     detect_watermark,
 )
 from stages.draw_key import DrawKeyParameters, draw_key
+from stages.hiding.method import Method
+from stages.hiding.photographs import photographs
+from stages.hiding.rendering import Rendering
 from stages.hiding.storage import read_gaussians, read_method
 from stages.hiding.watermark.reading import FOUND_SHARE, owners_reader
 from stages.hiding.watermark.rendering import renders
@@ -62,6 +67,8 @@ from stages.imaging.distortions import DISTORTIONS
 from stages.imaging.image import filling, read_image
 from stages.imaging.pictures import Picture, picture_to_tensor
 from stages.imaging.psnr import psnr
+from stages.scene.cameras import Cameras
+from stages.scene.gaussians import Gaussians
 from stages.scene.scene import read_scene
 from tests.stages import small, watermarks
 from tests.stages.hiding.relocalisation import scenes
@@ -126,10 +133,32 @@ def test_renders_that_set_the_threshold_are_not_scored(trial: Trial) -> None:
     calibration, others = trial.positives.calibration, trial.positives.others
     assert (len(calibration), len(others)) == (2, 2)
     assert not {each.tobytes() for each in calibration} & {each.tobytes() for each in others}
-    for _, _, pictures in trial.positives.attacked:
-        for picture, other, used in zip(pictures, others, calibration, strict=True):
+    for attacked in trial.positives.attacked:
+        for picture, other, used in zip(attacked.renders(), others, calibration, strict=True):
             shown, same, different = map(picture_to_tensor, (picture, other, used))
             assert psnr(shown, same) > psnr(shown, different), "attacked renders are by the cameras that are scored"
+
+
+def test_renders_of_attacked_containers_are_made_when_their_turn_comes(
+    tmp_path: Path, given: Inputs, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those of six attacks, with large pictures, need not fit into memory."""
+    events: list[str] = []
+    look = Detector._look
+
+    def counted(gaussians: Gaussians, method: Method, cameras: Cameras) -> Iterator[Rendering]:
+        for rendering in photographs(gaussians, method, cameras):
+            events.append("render")
+            yield rendering
+
+    monkeypatch.setattr("stages.hiding.watermark.rendering.photographs", counted)
+    monkeypatch.setattr(Detector, "_look", lambda *of: events.append("look") or look(*of))
+    parameters = DetectWatermarkParameters(method="plain", renders=4, negatives=2, shipped_photos=())
+    asked = {port: artifact for port, artifact in given.items() if not port.startswith("other_")}
+    run_stage(detect_watermark, parameters, asked, tmp_path / "tried")
+    trial = events[events.index("look") :]
+    assert trial.count("render") == 6 * 2 + 1, "six attacks, and the cover from before"
+    assert ("render", "render") not in pairwise(trial)
 
 
 def test_distortions_follow_the_seed_and_the_watermark_fills_the_picture(trial: Trial, given: Inputs) -> None:
@@ -264,7 +293,9 @@ def test_what_was_seen_before_a_stop_is_not_looked_at_again(
 
 def test_every_look_is_counted() -> None:
     black = np.zeros((6, 8, 3), np.uint8)
-    positives = Positives([("0.png", black)], [black] * 2, [black] * 3, [(PRUNING, 0.25, [black] * 4)])
+    positives = Positives(
+        [("0.png", black)], [black] * 2, [black] * 3, [AttackedRenders(PRUNING, 0.25, 4, lambda: [black] * 4)]
+    )
     looks = []
     detector = Detector(lambda picture: torch.zeros(picture.shape), black + 9)
     rows = list(trial_rows(detector, positives, [], 0, lambda: looks.append(1)))
