@@ -21,6 +21,7 @@ from pipeline.console.completion import (
 )
 from pipeline.disk import words_of
 from pipeline.errors import PipelineError, UserError
+from pipeline.plain_text import without_controls
 from pipeline.store.external import from_home
 
 WorkflowFile = Annotated[
@@ -101,17 +102,14 @@ def reported(store: Path | str) -> Iterator[None]:
     """
     try:
         yield
-    except UserError as error:
-        say(str(error))
-        raise typer.Exit(2) from None
     except PipelineError as error:
-        say(str(error))
-        raise typer.Exit(1) from None
+        say(without_controls(str(error), allowed="\n"))  # it may quote names from a stranger's files
+        raise typer.Exit(2 if isinstance(error, UserError) else 1) from None
     except BrokenPipeError:
         _write_no_more()
         raise typer.Exit(1) from None
     except OSError as error:
-        say(words_of(error, store if "://" in str(store) else from_home(store)))
+        say(without_controls(words_of(error, store if "://" in str(store) else from_home(store))))
         raise typer.Exit(1) from None
     except KeyboardInterrupt:
         say(f"Interrupted immediately; finished stages are kept. To continue: {command_line()}")

@@ -27,6 +27,7 @@ from pipeline.code.loaded_code import LoadedCode
 from pipeline.disk import IN_WORDS, bytes_below, leads_elsewhere, words_of
 from pipeline.errors import CorruptArtifact, Interrupted, PipelineError, TransientError, UserError
 from pipeline.events import Noted, StageProgressed, StageStarted
+from pipeline.plain_text import without_controls
 from pipeline.provenance import machine, now, versions_of
 from pipeline.run.executor import Tell
 from pipeline.run.process import nobody_else_reads
@@ -400,10 +401,13 @@ def _accepted_fact(record: Record) -> dict[str, Json]:
 
 
 def _cause(error: BaseException, store: Path | str, written: int = 0) -> str:
-    """One line for a person: our own messages as they are, disk errors in words, other errors with their type."""
+    """One line for a person: our own messages as they are, disk errors in words, other errors with their type.
+
+    It has no controls: it may quote names from a stranger's files.
+    """
     if isinstance(error, OSError) and error.errno in IN_WORDS:
-        return words_of(error, store, written)
+        return without_controls(words_of(error, store, written))
     lines = str(error).strip().splitlines() or [""]
     if isinstance(error, PipelineError):
-        return " ".join(line.strip() for line in lines)
-    return f"{type(error).__name__}: {lines[0]}"[:LONGEST_CAUSE]
+        return without_controls(" ".join(line.strip() for line in lines))
+    return without_controls(f"{type(error).__name__}: {lines[0]}"[:LONGEST_CAUSE])

@@ -82,6 +82,23 @@ def test_show_of_damage_is_one_line(chain: Workspace) -> None:
     assert "missing" in done.stderr
 
 
+@pytest.mark.parametrize("command", [("show",), ("export", "copy")])
+@pytest.mark.parametrize("damage", ["its file is missing", "its manifest is of another format"])
+def test_damage_of_what_a_stranger_named_is_told_without_what_a_terminal_would_obey(
+    tmp_path: Path, command: tuple[str, ...], damage: str
+) -> None:
+    with create(tmp_path / "artifact", "things") as writer:
+        writer.write_file("x\x1b]0;owned\x07\x1b[31m.txt", "text")
+    if damage == "its file is missing":
+        next((tmp_path / "artifact").glob("x*.txt")).unlink()
+    else:
+        (tmp_path / "artifact/manifest.json").write_text(json.dumps({"format": "\x1b]0;owned\x07"}))
+    done = call(command[0], tmp_path / "artifact", *(tmp_path / name for name in command[1:]))
+    assert (done.exit_code, done.stdout, len(done.stderr.splitlines())) == (1, "", 1)
+    assert "?]0;owned?" in done.stderr
+    assert done.stderr.removesuffix("\n").isprintable()
+
+
 def test_show_into_a_closed_pipe(chain: Workspace) -> None:
     reader, writer = os.pipe()
     os.close(reader)  # closed before anything is written

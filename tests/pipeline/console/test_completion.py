@@ -227,12 +227,15 @@ def test_in_a_real_bash(program: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "offered"),
     [
-        (["--set", "bad.how", "="], ["user", "defect", "death", "silence"]),
+        (["--set", "bad.how", "="], ["user", "defect", "death", "silence", "stranger"]),
         (["--set", "bad.how", "=", "de"], ["defect", "death"]),
         (["--set", "=", "bad.how", "=", "us"], ["user"]),
-        (["--set", "bad.ho"], ["bad.how=user", "bad.how=defect", "bad.how=death", "bad.how=silence"]),
+        (
+            ["--set", "bad.ho"],
+            ["bad.how=user", "bad.how=defect", "bad.how=death", "bad.how=silence", "bad.how=stranger"],
+        ),
         (["--set", "bad.how=us"], ["bad.how=user"]),  # if = is not among COMP_WORDBREAKS
-        (["--set", "way", "="], ["user", "defect", "death", "silence"]),
+        (["--set", "way", "="], ["user", "defect", "death", "silence", "stranger"]),
         (["--set", "count", "="], ["3"]),
         (["--set", "cover", "="], []),
         (["--set", "bad.how", "=", "user", ""], ["base", "bad"]),

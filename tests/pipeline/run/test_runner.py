@@ -122,6 +122,14 @@ def test_a_failure_holds_up_only_its_dependents(workspace: Workspace) -> None:
     assert again.states["base"] == again.states["fine"] == "cached"
 
 
+def test_a_cause_has_nothing_that_a_terminal_would_obey(workspace: Workspace) -> None:
+    """It may quote the name of a stranger's file, and is printed and kept."""
+    workspace.write(
+        "stages:\n  base: {uses: numbers}\n  bad: {uses: fail, in: {numbers: base}, with: {how: stranger}}\n"
+    )
+    assert workspace.run().ended["bad"].cause == "x?]0;owned?.txt: missing"
+
+
 def test_what_measures_time_runs_alone(workspace: Workspace) -> None:
     workspace.write("""
         stages:
