@@ -50,7 +50,8 @@ class UserError(PipelineError):
         if expected is not None:
             message += f"; expected {expected}"
         if remedy is not None:
-            message = f"{message.rstrip('.')}. {remedy[:1].upper()}{remedy[1:]}"
+            stop = "" if message.endswith("?") else "."
+            message = f"{message.rstrip('.')}{stop} {remedy[:1].upper()}{remedy[1:]}"
         super().__init__(without_controls(message, allowed="\n"))
         self.what = what
         self.where = where

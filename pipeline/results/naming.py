@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from pipeline.store.store import Store
 
 PREFIX = re.compile(r"[0-9a-f]{6,64}")
 SHOWN = 12  # names listed in an error
+HOW_IT_ENDED: Mapping[str, str] = {"failed": "failed", "skipped": "was skipped"}  # states of stages that made nothing
 
 
 def find_artifact(text: str, address: str | Path) -> tuple[Artifact, Store | None]:
@@ -45,7 +46,7 @@ def find_artifact(text: str, address: str | Path) -> tuple[Artifact, Store | Non
             f"no artifact {text!r}",
             where=store.address,
             expected=_expected(text, names),
-            remedy=_what_failed(text, store),
+            remedy=_why_absent(text, store),
         )
     return store.artifact(names[_only(text, found_names)]), store
 
@@ -126,19 +127,36 @@ def _expected(text: str, names: dict[str, str]) -> str:
     return f"the path of an artifact, 6 or more characters of a digest, or WORKFLOW/STAGE.OUTPUT{there}{hint}"
 
 
-def _what_failed(text: str, store: Store) -> str | None:
-    """Why `latest` lacks what `text` names and an earlier run made, and how to have it; None if no run failed."""
+def _why_absent(text: str, store: Store) -> str | None:
+    """Why `latest` lacks what `text` names, and how to have what an earlier run made; None if no run failed over it."""
     earlier = _of_an_earlier_run(text, store)
-    workflow = (earlier[0] if earlier else text).partition("/")[0]
+    return _how_to_have_again(*earlier, store) if earlier else _why_not_made(text, store)
+
+
+def _how_to_have_again(name: str, digest: str, store: Store) -> str | None:
+    """How to have a result of an earlier run, with its name and digest; None if the last run did not fail."""
+    workflow = name.partition("/")[0]
     for journal in store.history.journals(workflow)[:1]:
-        failed = [name for name, result in store.history.results(journal).items() if result.state == "failed"]
+        failed = [stage for stage, result in store.history.results(journal).items() if result.state == "failed"]
         if failed:
-            digest = f", or name it by its digest, {earlier[1][:12]}" if earlier else ""
             return (
                 f"The last run of {workflow} failed in {failed[0]}, so `latest` has no links to its result or to what "
-                "is made from it. Earlier results are still in the store: repeat their command to restore the links"
-                f"{digest}."
+                "is made from it. Earlier results are still in the store: repeat their command to restore the links, "
+                f"or name it by its digest, {digest[:12]}."
             )
+    return None
+
+
+def _why_not_made(text: str, store: Store) -> str | None:
+    """Why the last run of a workflow did not make what `text` names; None if `text` names no stage that it lacks."""
+    output = text.rpartition(".")[2]  # any: a stage that made nothing left no record of its outputs
+    for workflow in store.history.workflows():
+        for journal in store.history.journals(workflow)[:1]:
+            for stage, result in store.history.results(journal).items():
+                name = f"{workflow}/{stage}.{output}"
+                if result.state in HOW_IT_ENDED and text in (name, *forms_of(name)):
+                    why = f": {result.cause}" if result.cause else ""
+                    return f"In the last run of {workflow}, {stage} {HOW_IT_ENDED[result.state]}{why}"
     return None
 
 

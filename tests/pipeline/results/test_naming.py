@@ -109,6 +109,34 @@ def test_what_an_earlier_run_made_is_to_be_had_again(workspace: Workspace) -> No
         find_artifact("chain/sum.total", workspace.folder / "store")
 
 
+@pytest.fixture
+def folder_of_a_failure(workspace: Workspace) -> Path:
+    """A store whose only run failed in `twice`, so that `sum` was skipped."""
+    twice = 'twice: {uses: scale, in: {numbers: base}, with: {factor: "${factor}"}}'
+    workspace.write(CHAIN.replace(twice, "twice: {uses: fail, in: {numbers: base}}")).run()
+    return workspace.folder / "store"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("chain/sum", "In the last run of chain, sum was skipped: needs twice, which was not made"),
+        ("chain/sum.numbers", "In the last run of chain, sum was skipped: needs twice, which was not made"),
+        ("chain/twice.numbers", "In the last run of chain, twice failed: ZeroDivisionError: division by zero"),
+    ],
+)
+def test_of_what_was_never_made_it_is_told_why(folder_of_a_failure: Path, text: str, words: str) -> None:
+    with pytest.raises(CommandError) as refused:
+        find_artifact(text, folder_of_a_failure)
+    assert str(refused.value).endswith(f"'? {words}"), "after the nearest name that there is"
+
+
+def test_a_typing_error_is_not_blamed_on_a_failed_run(folder_of_a_failure: Path) -> None:
+    with pytest.raises(CommandError) as refused:
+        find_artifact("chain/base.numbres", folder_of_a_failure)
+    assert str(refused.value).endswith("; did you mean 'chain/base.numbers'?")
+
+
 def test_no_store(tmp_path: Path) -> None:
     with pytest.raises(CommandError, match="no store there"):
         find_artifact("chain/twice", tmp_path / "nowhere")
