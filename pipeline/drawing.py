@@ -126,7 +126,7 @@ def _order(layers: list[list[str]], arrows: Sequence[Sequence[str]]) -> None:
             rank = {name: number / max(1, len(layers[beside]) - 1) for number, name in enumerate(layers[beside])}
             near = before if forth else after
             own = {name: number / max(1, len(layers[index]) - 1) for number, name in enumerate(layers[index])}
-            layers[index].sort(key=lambda name: _mean([rank[n] for n in near.get(name, ())], own[name]))
+            layers[index].sort(key=lambda name: _mean([rank[n] for n in sorted(near.get(name, ()))], own[name]))
 
 
 def _position(layers: list[list[str]], places: dict[str, _Place], arrows: Sequence[Sequence[str]]) -> None:

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import itertools
+import os
+import subprocess
+import sys
+from pathlib import Path
 from xml.etree import ElementTree
 
 from hypothesis import given, settings
@@ -10,6 +14,16 @@ from hypothesis import strategies as st
 
 from pipeline.drawing import Box, draw
 
+ROOT = Path(__file__).parents[2]
+TIES = """
+from itertools import combinations
+from pipeline.drawing import Box, draw
+
+ways = [way for way in combinations(range(11), 4) if sum(way) == 20]
+sinks = [Box(f"to {way}", tuple(f"from {number}" for number in way)) for way in ways]
+print(draw([*(Box(f"from {number}") for number in range(11)), *sinks]))
+"""
+"""Draws boxes whose neighbours are on average at the same place, but for how their sum is rounded."""
 SVG = "{http://www.w3.org/2000/svg}"
 
 
@@ -47,3 +61,17 @@ def test_arrows_point_to_the_right() -> None:
     root = ElementTree.fromstring(draw([Box("a"), Box("b", ("a", "elsewhere")), Box("c", ("a", "b"))]))
     left = {text.text: float(text.get("x", "")) for text in root.iter(f"{SVG}text")}
     assert left["a"] < left["b"] < left["c"]
+
+
+def test_the_drawing_is_the_same_in_every_process() -> None:
+    drawings = {
+        subprocess.run(
+            [sys.executable, "-c", TIES],
+            cwd=ROOT,
+            env={**os.environ, "PYTHONHASHSEED": seed},
+            capture_output=True,
+            check=True,
+        ).stdout
+        for seed in ("0", "1", "2")
+    }
+    assert len(drawings) == 1
