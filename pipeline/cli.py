@@ -289,13 +289,20 @@ def graph(
         from pipeline.console.planwords import box, node_as_json
         from pipeline.console.project import open_project
         from pipeline.drawing import draw
+        from pipeline.errors import CommandError
         from pipeline.plan.plan import make_plan
 
         project = open_project(workflow, store, settings or [], package, vars_files or [], make=False)
         nodes = project.graph.nodes.values()
         if svg:
             steps = make_plan(project.graph, project.store)
-            svg.write_text(draw([box(node, steps[node.name]) for node in nodes]))
+            drawing = draw([box(node, steps[node.name]) for node in nodes])
+            try:
+                svg.write_text(drawing, encoding="utf-8")
+            except OSError as error:
+                raise CommandError(
+                    "the graph cannot be drawn there", where=svg, found=error.strerror, expected="a file to write"
+                ) from error
             say(f"Drawn to {svg}")
             return
         width = max((len(node.name) for node in nodes), default=0)

@@ -19,7 +19,7 @@ def write_text_whole(path: Path, text: str, aside: Path, mode: int = 0o666) -> N
     `aside` is where it is written first, on the same file system.
     """
     aside.touch(mode)
-    aside.write_text(text)
+    aside.write_text(text, encoding="utf-8")
     aside.replace(path)
 
 

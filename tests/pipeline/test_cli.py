@@ -181,6 +181,25 @@ def test_dry_run_status_explain_graph(workspace: Workspace) -> None:
     assert ">twice</text>" in picture.read_text()
 
 
+def test_a_graph_is_drawn_in_utf_8_whatever_the_locale(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
+    workspace.file.write_text(
+        'stages:\n  room: {foreach: {word: [Küche]}, uses: say, with: {word: "${item.word}"}}\n', encoding="utf-8"
+    )
+    for name, value in {"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"}.items():
+        monkeypatch.setenv(name, value)
+    picture = workspace.folder / "graph.svg"
+    assert call(workspace, "graph", "--svg", str(picture))[0] == 0
+    assert ">room[Küche]</text>" in picture.read_text(encoding="utf-8")
+
+
+def test_a_graph_cannot_be_drawn_to_a_folder_or_into_none(workspace: Workspace) -> None:
+    workspace.write(CHAIN)
+    for target, found in ((workspace.folder, "Is a directory"), (workspace.folder / "no/graph.svg", "No such file")):
+        status, out, err = call(workspace, "graph", "--svg", str(target))
+        assert (status, out, len(err.splitlines())) == (2, "", 1)
+        assert f"{target}: the graph cannot be drawn there; found {found}" in err
+
+
 def test_the_end_names_what_to_open(workspace: Workspace) -> None:
     status, out, err = call(workspace.write(CHAIN), "run", "--serial")
     assert (status, out) == (
