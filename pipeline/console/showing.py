@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import groupby
 
 from pipeline.canonical import Json
@@ -18,7 +18,7 @@ FILES = 12  # plain files that are listed one by one; more are grouped by folder
 
 
 def lines_of(description: Description, everything: bool) -> Iterator[str]:
-    """What is known about an artifact, line by line; with `everything`, no row and no file is left out."""
+    """What is known about an artifact, line by line; with `everything`, no row, line or file is left out or cut."""
     yield from _head(description)
     if description.attributes:
         yield from ("", "attributes", *_pairs(description.attributes, everything))
@@ -84,7 +84,8 @@ def _shape(shape: Iterable[int]) -> str:
 def _files(files: tuple[FileDescription, ...], everything: bool) -> list[str]:
     """A line for each file or, if there are many, for each folder with the number of its files."""
     if everything or len(files) <= FILES:
-        return table([[in_a_line(file.name), size_words(file.size)] for file in files], right=(1,))
+        spelled = _spelling(everything)
+        return table([[spelled(file.name), size_words(file.size)] for file in files], right=(1,))
     rows = []
     for _, group in groupby(files, key=lambda file: file.name.rpartition("/")[0]):
         members = list(group)
@@ -95,17 +96,23 @@ def _files(files: tuple[FileDescription, ...], everything: bool) -> list[str]:
 
 def _content(file: FileDescription, everything: bool) -> Iterator[str]:
     """What a file contains, if that is a table or a text."""
+    spelled = _spelling(everything)
     if file.rows is not None:
         rows, how = (list(file.rows), None) if everything else in_short(file.rows, ROWS)
-        yield from ("", f"{in_a_line(file.name)}{f' ({how}; --all shows them)' if how else ''}")
-        yield from _indented(rows_table(rows))
+        yield from ("", f"{spelled(file.name)}{f' ({how}; --all shows them)' if how else ''}")
+        yield from _indented(rows_table(rows, spelled))
     elif file.text is not None:
         shown = file.text if everything else file.text[:ROWS]
         left = len(file.text) - len(shown)
-        yield from ("", in_a_line(file.name))
-        yield from _indented(in_a_line(line) for line in shown)
+        yield from ("", spelled(file.name))
+        yield from _indented(spelled(line) for line in shown)
         if left:
             yield f"  … {left} more lines; --all shows them"
+
+
+def _spelling(everything: bool) -> Callable[[str], str]:
+    """How texts from an artifact are printed, without what a terminal would obey: whole, or cut to a line."""
+    return without_controls if everything else in_a_line
 
 
 def _origin(origin: Origin, everything: bool) -> Iterator[str]:

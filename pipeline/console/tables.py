@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from pipeline.canonical import Json
-from pipeline.plain_text import in_a_line
+from pipeline.plain_text import LONGEST_LINE, in_a_line
 
 QUANTITY, VALUE = "quantity", "value"  # columns of tables with one figure per row
 Row = Mapping[str, Json]
@@ -15,10 +15,12 @@ Row = Mapping[str, Json]
 def table(rows: Sequence[Sequence[str]], right: Sequence[int] = ()) -> list[str]:
     """Lines with the columns of `rows` side by side, those with the numbers `right` flush right; empty without rows.
 
+    A column is at most `LONGEST_LINE` wide: a longer cell moves the rest of its own row only.
+
     >>> table([["name", "size"], ["cover", "12"]], right=[1])
     ['name   size', 'cover    12']
     """
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    widths = [min(max(map(len, column)), LONGEST_LINE) for column in zip(*rows, strict=True)]
     return [
         "  ".join(
             cell.rjust(width) if number in right else cell.ljust(width)
@@ -28,16 +30,15 @@ def table(rows: Sequence[Sequence[str]], right: Sequence[int] = ()) -> list[str]
     ]
 
 
-def rows_table(rows: Sequence[Row]) -> list[str]:
-    """Lines that show rows, with those columns that hold anything."""
-    columns = [
-        name for name in dict.fromkeys(name for row in rows for name in row) if any(_cell(row, name) for row in rows)
-    ]
+def rows_table(rows: Sequence[Row], spelled: Callable[[str], str] = in_a_line) -> list[str]:
+    """Lines that show rows, with those columns that hold anything. `spelled` makes a text safe for a terminal."""
+    names = dict.fromkeys(name for row in rows for name in row)
+    columns = [name for name in names if any(row.get(name) not in (None, "") for row in rows)]
     numbers = [i for i, name in enumerate(columns) if not any(isinstance(row.get(name), str) for row in rows)]
     if not columns:
         return []
-    cells = ([_cell(row, name) for name in columns] for row in rows)
-    return table([[in_a_line(name) for name in columns], *cells], numbers)
+    cells = ([_cell(row.get(name), spelled) for name in columns] for row in rows)
+    return table([[spelled(name) for name in columns], *cells], numbers)
 
 
 def in_short(rows: Sequence[Row], most: int) -> tuple[list[Row], str | None]:
@@ -103,9 +104,8 @@ def _as_float(value: float) -> float:
         return math.inf if value > 0 else -math.inf
 
 
-def _cell(row: Row, name: str) -> str:
-    value = row.get(name)
-    return "" if value is None else number_words(value) if isinstance(value, float) else in_a_line(str(value))
+def _cell(value: Json, spelled: Callable[[str], str]) -> str:
+    return "" if value is None else number_words(value) if isinstance(value, float) else spelled(str(value))
 
 
 def number_words(value: float) -> str:

@@ -94,6 +94,26 @@ def test_an_artifact_in_lines(tmp_path: Path) -> None:
     assert "line 59 of" in shown(artifact, everything=True)
 
 
+def test_long_lines_cells_and_names_are_whole_only_if_everything_is_shown(tmp_path: Path) -> None:
+    line, cell, name = "l" * 200, "c" * 200, "n" * 200
+    with create(tmp_path / "artifact", "things") as writer:
+        writer.write_file("notes.txt", f"{line}\n")
+        writer.write_file("table.jsonl", json.dumps({"cell": cell}) + "\n" + json.dumps({"cell": "short"}))
+        writer.write_file(name, "")
+    artifact = load(tmp_path / "artifact")
+    for text in (line, cell, name):
+        assert text in shown(artifact, everything=True)
+        assert f"{text[:119]}…" in shown(artifact)
+        assert text not in shown(artifact)
+
+
+def test_a_long_cell_widens_no_other_row() -> None:
+    """Otherwise one cell of a stranger's table could make the text as large as its length times the number of rows."""
+    lines = rows_table([{"cell": "c" * 10_000, "next": "a"}, {"cell": "short", "next": "b"}], str)
+    assert lines[1] == f"{'c' * 10_000}  a"
+    assert lines[2] == f"{'short':120}  b"
+
+
 def stored(artifact: Artifact) -> int:
     return sum(path.stat().st_size for path in (artifact.path / "arrays.zarr/values").rglob("*") if path.is_file())
 
