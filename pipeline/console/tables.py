@@ -9,6 +9,7 @@ from pipeline.canonical import Json
 from pipeline.plain_text import LONGEST_LINE, in_a_line
 
 QUANTITY, VALUE = "quantity", "value"  # columns of tables with one figure per row
+NOT_IN_JSON = ("inf", "-inf", "nan")  # numbers that JSON lacks, as they are written in tables
 Row = Mapping[str, Json]
 
 
@@ -76,20 +77,42 @@ def _groups(rows: Sequence[Row], columns: Sequence[str]) -> list[list[Row]]:
 
 
 def _figures(group: Sequence[Row], columns: Sequence[str]) -> Row:
-    """One row that summarises a group: its number of rows, and mean, least, greatest and last value."""
-    values = [_as_float(value) for row in group if _is_number(value := row[VALUE]) and isinstance(value, int | float)]
+    """One row that summarises a group: its number of rows, and mean, least, greatest and last value.
+
+    The mean is of finite values; `not in mean` says of how many rows it is not. The others are of all values but NaN.
+    """
+    values = [value for row in group if (value := _figure(row[VALUE])) is not None and not math.isnan(value)]
+    finite = [value for value in values if math.isfinite(value)]
     figures: dict[str, Json] = {name: group[0].get(name) for name in columns}
     figures["rows"] = len(group)
+    if finite:
+        figures["mean"] = sum(finite) / len(finite)
     if values:
-        figures |= {"mean": sum(values) / len(values), "least": min(values), "greatest": max(values)}
+        figures |= {"least": min(values), "greatest": max(values)}
         if any(_is_number(value) for name, value in group[0].items() if name != VALUE):
             figures["last"] = values[-1]
+        if len(finite) < len(group):
+            figures["not in mean"] = len(group) - len(finite)
     return figures
 
 
 def _texts(rows: Sequence[Row]) -> list[str]:
-    """Columns that hold a text in any row."""
-    return list(dict.fromkeys(name for row in rows for name, value in row.items() if isinstance(value, str)))
+    """Columns that hold a text in any row; a figure that is infinite or NaN is none."""
+    return list(
+        dict.fromkeys(
+            name
+            for row in rows
+            for name, value in row.items()
+            if isinstance(value, str) and not (name == VALUE and value in NOT_IN_JSON)
+        )
+    )
+
+
+def _figure(value: Json) -> float | None:
+    """The number that a value is; None if it is something else."""
+    if isinstance(value, str):
+        return float(value) if value in NOT_IN_JSON else None
+    return _as_float(value) if isinstance(value, int | float) and _is_number(value) else None
 
 
 def _is_number(value: Json) -> bool:

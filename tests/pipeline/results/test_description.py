@@ -245,6 +245,32 @@ def test_figures_that_could_not_be_measured() -> None:
     assert in_short(rows, 40)[0] == [{"quantity": "psnr", "rows": 50}]
 
 
+def test_a_figure_that_is_infinite_is_no_text_and_is_not_in_the_mean() -> None:
+    figures = [{"quantity": "psnr", "value": 20.0 + view % 2, "view": f"{view}"} for view in range(60)]
+    figures[7]["value"] = "inf"
+    rows, how = in_short(figures, 40)
+    assert how == "60 rows, summarised over view"
+    mean = (30 * 20.0 + 29 * 21.0) / 59
+    assert rows == [
+        {"quantity": "psnr", "rows": 60, "mean": mean, "not in mean": 1, "least": 20.0, "greatest": float("inf")}
+    ]
+    assert rows_table(rows)[1].split() == ["psnr", "60", "20.49", "20", "inf", "1"]
+
+
+@pytest.mark.parametrize("unknown", ["nan", float("nan"), None])
+def test_a_verdict_that_is_not_a_number_makes_no_group(unknown: object) -> None:
+    verdicts: list[dict[str, object]] = [{"quantity": "legal", "value": number % 2} for number in range(60)]
+    verdicts[7]["value"] = unknown
+    rows, how = in_short(verdicts, 40)
+    assert how == "60 rows, summarised"
+    assert rows == [{"quantity": "legal", "rows": 60, "mean": 29 / 59, "not in mean": 1, "least": 0.0, "greatest": 1.0}]
+
+
+def test_verdicts_that_are_words_are_counted() -> None:
+    verdicts = [{"quantity": "legal", "value": "yes" if number % 3 else "no"} for number in range(60)]
+    assert [(row["value"], row["rows"]) for row in in_short(verdicts, 40)[0]] == [("no", 20), ("yes", 40)]
+
+
 DEEP = "[" * 500 + "]" * 500
 
 
