@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 import sys
 from collections.abc import Iterator, Sequence
@@ -19,6 +18,7 @@ from pipeline.console.completion import (
     complete_vars,
     complete_workflow,
 )
+from pipeline.console.output import named_output, write_no_more
 from pipeline.disk import words_of
 from pipeline.errors import PipelineError, UserError
 from pipeline.plain_text import without_controls
@@ -101,12 +101,13 @@ def reported(store: Path | str) -> Iterator[None]:
     Exceptions that are neither ours nor the system's are defects of the engine, and keep their traceback.
     """
     try:
-        yield
+        with named_output():
+            yield
     except PipelineError as error:
         say(without_controls(str(error), allowed="\n"))  # it may quote names from a stranger's files
         raise typer.Exit(2 if isinstance(error, UserError) else 1) from None
     except BrokenPipeError:
-        _write_no_more()
+        write_no_more(sys.stdout)
         raise typer.Exit(1) from None
     except OSError as error:
         say(without_controls(words_of(error, store if "://" in str(store) else from_home(store))))
@@ -117,16 +118,18 @@ def reported(store: Path | str) -> Iterator[None]:
 
 
 def write_the_rest() -> None:
-    """Flushes standard output; if its reader is gone, Python itself would complain at exit."""
+    """Flushes standard output, about which Python itself would complain at exit; exits with 1 if it cannot be written.
+
+    If only its reader is gone, the exit status stays.
+    """
     try:
-        sys.stdout.flush()
+        with named_output():
+            pass
     except BrokenPipeError:
-        _write_no_more()
-
-
-def _write_no_more() -> None:
-    """Discards further output: its reader is gone."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        write_no_more(sys.stdout)
+    except PipelineError as error:
+        say(str(error))
+        raise SystemExit(1) from None
 
 
 def say(text: str) -> None:

@@ -1,4 +1,4 @@
-"""Output that can no longer be printed is dropped, and the run goes on.
+"""Output that can no longer be printed is dropped, and the run goes on. Other commands say so, and end.
 
 The terminal of a background run is closed, Ctrl-C ends the `tee` that reads a run's output before the run has saved its
 checkpoints, the disk of a log is full: none of this is a reason to give up hours of work, or to end with an exit status
@@ -15,12 +15,21 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, TextIO, cast
 
+from pipeline.errors import PipelineError
 
-class LossyStream:
-    """A text stream that drops what cannot be written, without an error."""
+
+class _Stream:
+    """A text stream around another."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+class LossyStream(_Stream):
+    """A text stream that drops what cannot be written, without an error."""
 
     def write(self, text: str) -> int:
         """Writes `text` if possible, and returns its length in any case."""
@@ -33,8 +42,30 @@ class LossyStream:
         with suppress(OSError):
             self._stream.flush()
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._stream, name)
+
+class NamedOutput(_Stream):
+    """Standard output whose errors say so: the system's do not, and would pass for those of the store's disk."""
+
+    def write(self, text: str) -> int:
+        """Writes `text` and returns its length. Raises PipelineError if it cannot, BrokenPipeError without a reader."""
+        with _named(self._stream):
+            return self._stream.write(text)
+
+    def flush(self) -> None:
+        """Flushes the stream. Raises the same errors as `write`."""
+        with _named(self._stream):
+            self._stream.flush()
+
+
+@contextmanager
+def _named(stream: TextIO) -> Iterator[None]:
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        write_no_more(stream)
+        raise PipelineError(f"standard output cannot be written: {error.strerror}") from error
 
 
 def open_closed_streams() -> None:
@@ -62,6 +93,25 @@ def spell_what_cannot_be_printed() -> None:
 
 
 @contextmanager
+def named_output() -> Iterator[None]:
+    """Within the block, raises PipelineError if standard output cannot be written, and then writes no more to it."""
+    before = sys.stdout
+    sys.stdout = cast(TextIO, NamedOutput(before))
+    try:
+        yield
+        sys.stdout.flush()
+    finally:
+        sys.stdout = before
+
+
+def write_no_more(stream: TextIO) -> None:
+    """Discards what is left in a stream, and all that is written to it from now on."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, stream.fileno())
+    os.close(nowhere)
+
+
+@contextmanager
 def lossy_output() -> Iterator[None]:
     """Within the block, drops what this process cannot print; at its end, drops what cannot be flushed either."""
     before = sys.stdout, sys.stderr
@@ -80,6 +130,4 @@ def _flush_or_drop(stream: TextIO) -> None:
     try:
         stream.flush()
     except OSError:
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, stream.fileno())
-        os.close(nowhere)
+        write_no_more(stream)

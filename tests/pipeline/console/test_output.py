@@ -125,3 +125,24 @@ def test_a_stream_that_was_closed_before(workspace: Workspace, closed: int) -> N
     )
     assert done.returncode == 0
     assert workspace.plan()["a"].state == "cached"
+
+
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+@pytest.mark.parametrize("command", ["stages", "graph"])  # more than Python keeps back, and less
+def test_standard_output_that_cannot_be_written_is_not_the_disk_of_the_store(
+    workspace: Workspace, command: str, unbuffered: str
+) -> None:
+    workspace.write("stages:\n  a: {uses: numbers}\n")
+    arguments = [] if command == "stages" else [str(workspace.file), "--stages", TOYS]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "pipeline", command, *arguments],
+            cwd=ROOT,
+            env={**os.environ, "PYTHONUNBUFFERED": unbuffered},
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    words = "standard output cannot be written: No space left on device\n"
+    assert (done.returncode, done.stderr) == (1, words)
