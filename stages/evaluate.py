@@ -99,7 +99,8 @@ def evaluate(context: Context, parameters: EvaluateParameters) -> None:
         decodes = own and bool(messages or image)
         read = read_container(splats, secret if decodes else None, device)
         shown = parameters.shown_train_views
-        scores = score(read, name, scene, hidden, perceptual, shown, progress, image if own else None)
+        hides = image if own else None
+        scores = score(read, name, scene, hidden, perceptual, shown, progress, hides, keep_residuals=bool(messages))
         # For the reference, which never saw a message, this is the control: the correlation due to chance.
         scores.rows += _sizes(splats, name, secret if own else None) + leakage_rows(scores, messages)
         scores.residuals.clear()  # as large as all test views in float32, and no longer needed

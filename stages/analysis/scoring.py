@@ -38,7 +38,10 @@ Pictures = dict[str, list[UInt8[np.ndarray, "H W 3"]]]
 
 @dataclass
 class Scores:
-    """Metric rows, pictures by title for the views in `shown`, and the cover's residuals by test view."""
+    """Metric rows, pictures by title for the views in `shown`, and the cover's residuals by test view, if kept.
+
+    Pictures without a truth, such as feature maps, are in `rendered` alone.
+    """
 
     method: str
     rows: list[MetricRow] = field(default_factory=list)
@@ -55,9 +58,10 @@ class Scores:
             for name, value in figures.items()
         ]
 
-    def show(self, picture: str, truth: UInt8[np.ndarray, "H W 3"], rendered: Float[Tensor, "H W 3"]) -> None:
-        """Keep one rendered picture with its truth, under the title `picture`."""
-        self.truths.setdefault(picture, []).append(truth)
+    def show(self, picture: str, truth: UInt8[np.ndarray, "H W 3"] | None, rendered: Float[Tensor, "H W 3"]) -> None:
+        """Keep one rendered picture with its truth, if it has one, under the title `picture`."""
+        if truth is not None:
+            self.truths.setdefault(picture, []).append(truth)
         self.rendered.setdefault(picture, []).append(tensor_to_picture(rendered))
 
     def comparisons(self, scene: Scene) -> list[Comparison]:
@@ -82,10 +86,11 @@ class Scores:
                 method=self.method,
                 names=tuple(self.shown),
                 splits=splits,
-                truth=np.stack(self.truths[name]),
-                rendered=np.stack(self.rendered[name]),
+                truth=np.stack(self.truths.get(name, rendered)),
+                rendered=np.stack(rendered),
+                has_truth=name in self.truths,
             )
-            for name in self.truths
+            for name, rendered in self.rendered.items()
         ]
 
 
@@ -98,8 +103,11 @@ def score(
     shown_train_views: int,
     progress: Callable[[int, int], None],
     image: HiddenImage | None = None,
+    keep_residuals: bool = False,
 ) -> Scores:
     """Measure every view, and keep pictures of all test views and of the first `shown_train_views` training views.
+
+    `keep_residuals`, as `leakage_rows` needs them: those of all test views, in float32.
 
     LPIPS costs more than all other metrics together, so it is measured only on test views and, for a hidden image, on
     the view that hides it, whose pictures are kept as well.
@@ -112,7 +120,7 @@ def score(
         view = scene.cameras.names[row]
         split = "test" if view in tests else "train"
         measured = perceptual if view in tests else {}
-        _score_cover(scores, rendering, scene, row, split, measured)
+        _score_cover(scores, rendering, scene, row, split, measured, keep_residuals and view in tests)
         for message in messages.values():
             _score_message(scores, rendering, message, row, split, measured)
         if view in shown:
@@ -130,12 +138,18 @@ def views_for_the_public(scene: Scene, shown_train_views: int) -> set[str]:
 
 
 def _score_cover(
-    scores: Scores, rendering: Rendering, scene: Scene, row: int, split: str, perceptual: Perceptual
+    scores: Scores,
+    rendering: Rendering,
+    scene: Scene,
+    row: int,
+    split: str,
+    perceptual: Perceptual,
+    keep_residual: bool,
 ) -> None:
     picture = rendering.pictures[COVER]
     truth = picture_to_tensor(scene.pictures[row], picture.device)
     scores.add(scene.cameras.names[row], split, picture_figures(picture, truth, perceptual))
-    if split == "test":
+    if keep_residual:
         scores.residuals[scene.cameras.names[row]] = (picture.clamp(0, 1) - truth).cpu().numpy()
 
 
@@ -171,7 +185,7 @@ def _show(
         scores.show(message.name, message.pictures[row], rendering.pictures[message.name])
     features = feature_map_picture(gaussians, rendering)
     if features is not None:
-        scores.show(FEATURE_MAP, tensor_to_picture(features), features)
+        scores.show(FEATURE_MAP, None, features)
 
 
 def leakage_rows(scores: Scores, messages: Mapping[str, MessageViews]) -> list[MetricRow]:

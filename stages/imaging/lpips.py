@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import torch
 from jaxtyping import Float
@@ -48,23 +48,25 @@ class Lpips:
         features = self._vgg(both) if self.network == "vgg" else self._alex(both)
         return sum(_distance(each, head) for each, head in zip(features, self._heads, strict=True))
 
-    def _vgg(self, values: Tensor) -> list[Tensor]:
-        features = []
+    def _vgg(self, values: Tensor) -> Iterator[Tensor]:
+        """Each block's features, which need not stay: those of the first alone are 512 bytes a pixel."""
         layer = 0
         for block, depth in enumerate((2, 2, 3, 3, 3)):
             values = functional.max_pool2d(values, 2) if block else values
             for _ in range(depth):
                 values = self._convolve(layer, values, padding=1)
                 layer += 1
-            features.append(values)
-        return features
+            yield values
 
-    def _alex(self, values: Tensor) -> list[Tensor]:
-        first = self._convolve(0, values, stride=4, padding=2)
-        second = self._convolve(1, functional.max_pool2d(first, 3, 2), padding=2)
-        third = self._convolve(2, functional.max_pool2d(second, 3, 2), padding=1)
-        fourth = self._convolve(3, third, padding=1)
-        return [first, second, third, fourth, self._convolve(4, fourth, padding=1)]
+    def _alex(self, values: Tensor) -> Iterator[Tensor]:
+        values = self._convolve(0, values, stride=4, padding=2)
+        yield values
+        values = self._convolve(1, functional.max_pool2d(values, 3, 2), padding=2)
+        yield values
+        values = functional.max_pool2d(values, 3, 2)
+        for layer in (2, 3, 4):
+            values = self._convolve(layer, values, padding=1)
+            yield values
 
     def _convolve(self, layer: int, values: Tensor, padding: int, stride: int = 1) -> Tensor:
         return functional.conv2d(values, self._kernels[layer], self._biases[layer], stride, padding).relu_()
@@ -94,5 +96,7 @@ def _layers(weights: Weights) -> range:
 
 def _distance(features: Float[Tensor, "2 channels height width"], head: Float[Tensor, " channels"]) -> float:
     """The weighted squared difference of unit-normalised features, averaged over all positions."""
-    unit = features / (features.square().sum(1, keepdim=True).sqrt() + 1e-10)
-    return float(torch.einsum("chw,c->hw", (unit[0] - unit[1]).square(), head).mean())
+    picture, truth = features
+    lengths = torch.linalg.vector_norm(features, dim=1) + 1e-10
+    difference = (picture / lengths[0]).addcdiv_(truth, lengths[1], value=-1)  # all that is held beside the features
+    return float(torch.einsum("chw,c->hw", difference.square_(), head).mean())

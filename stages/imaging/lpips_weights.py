@@ -83,7 +83,7 @@ def read_weights(network: Network) -> Weights | None:
     try:
         with np.load(path, allow_pickle=False) as archive:
             weights = {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise UserError("the LPIPS weights cannot be read", where=path, found=error, remedy=HOW_TO_INSTALL) from error
     if content_digest(weights) != SOURCES[network].content:
         raise UserError("these are not the weights of LPIPS 0.1", where=path, remedy=HOW_TO_INSTALL)

@@ -36,7 +36,7 @@ class Recolour(Parameters):
     hue: float = Field(0.0, ge=-360, le=360, description="Degrees by which hues turn, as by CSS's hue-rotate.")
     saturation: float = Field(1.0, ge=0, le=10, description="What saturation is multiplied by, as by CSS's saturate.")
     tint: tuple[Share, Share, Share] = Field(
-        (1.0, 1.0, 1.0), description="A colour of which each Gaussian takes the shade that is as light as its own."
+        (1.0, 1.0, 1.0), description="A colour; each Gaussian takes it times its own luminance, so dark tints darken."
     )
     strength: Share = Field(0.0, description="The share of the tint.")
     region: EditedRegion | None = Field(None, description="Where; without it, everywhere.")

@@ -12,6 +12,10 @@ from pathlib import Path
 DATABASE, UNFINISHED = "database.db", "database.new"
 """The database gets its final name once all pictures are entered."""
 
+PAIRS_IN_NEED = f"{DATABASE}.pairs_in_need"
+"""An empty file beside the database once it may hold matches of pairs in need, without which the first estimate is
+made."""
+
 
 def drop_damaged_database(folder: Path, pictures: int) -> str | None:
     """Delete a database that is damaged or does not list `pictures` pictures, and return what is wrong with it.
@@ -40,5 +44,5 @@ def _damage(path: Path, pictures: int) -> str | None:
 
 
 def _remove(folder: Path, name: str) -> None:
-    for path in folder.glob(f"{name}*"):  # with -journal, -wal and -shm
+    for path in folder.glob(f"{name}*"):  # with -journal, -wal, -shm and .pairs_in_need
         path.unlink()

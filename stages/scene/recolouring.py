@@ -21,7 +21,7 @@ def recolouring(
 ) -> Float64[np.ndarray, "3 3"]:
     """The matrix that rotates hues of sRGB colours by `hue` degrees, multiplies their saturation, and mixes in a tint.
 
-    A fraction `strength` of each colour becomes the tint at the colour's luminance: 1 leaves nothing but its shades.
+    A fraction `strength` of each colour becomes the tint times the colour's luminance: 1 leaves nothing but its shades.
     `hue` 0, `saturation` 1 and `strength` 0 change nothing.
     """
     tinted = (1 - strength) * np.eye(3) + strength * np.outer(tint, LUMINANCE)

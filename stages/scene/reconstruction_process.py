@@ -19,7 +19,7 @@ import pycolmap
 from jaxtyping import Float64
 
 from pipeline.companion import end_with_stage, say
-from stages.scene.feature_database import DATABASE, UNFINISHED
+from stages.scene.feature_database import DATABASE, PAIRS_IN_NEED, UNFINISHED
 from stages.scene.lens import Lens
 from stages.scene.pairing import Pair, in_batches
 from stages.scene.reconstruction_job import PHASES, Job, Reconstruction, read_job, working_name, write_corners
@@ -57,8 +57,12 @@ def main() -> None:
         return
     with timed(seconds, "features"):
         extract(job)
-    model = reconstruct(job, job.pairs, seconds)
+    in_need = job.folder / PAIRS_IN_NEED
+    # An interrupted run that had begun to match these had too few photos placed without them, and would not again: an
+    # estimate is made from all matches that are there.
+    model = None if in_need.exists() else reconstruct(job, job.pairs, seconds)
     if job.pairs_in_need and (model is None or model.num_reg_images() < ENOUGH * len(job.lenses)):
+        in_need.touch()
         model = reconstruct(job, job.pairs_in_need, seconds)
     describe(job, model, seconds).write(job.folder)
 
@@ -86,7 +90,8 @@ def extract(job: Job) -> None:
     their ids, on which mapping depends, are always the same.
     """
     path, names = job.folder / DATABASE, [working_name(row) for row in range(len(job.lenses))]
-    options = pycolmap.FeatureExtractionOptions(num_threads=job.threads, use_gpu=False)
+    longest = max(max(lens.width, lens.height) for lens in job.lenses)  # COLMAP would shrink what is beyond 3200
+    options = pycolmap.FeatureExtractionOptions(num_threads=job.threads, use_gpu=False, max_image_size=longest)
     options.sift.max_num_features = job.max_features
     if not path.exists():
         enter_pictures(job, job.folder / UNFINISHED)

@@ -248,7 +248,7 @@ def _named(capture: Capture, rows: tuple[int, ...]) -> str:
 def refuse_few(capture: Capture, result: Reconstruction, settings: Settings, given: bool) -> None:
     """Raise `UserError` if too little was reconstructed for training."""
     registered, total = len(result.rows), len(capture.names)
-    if registered < max(1, settings.minimum_registered * total):
+    if registered < max(1, settings.minimum_registered * total - 1e-9):  # 0.07 * 100 is more than 7
         raise UserError(
             f"structure from motion placed {registered} of {total} photos",
             found=f"besides, {_named(capture, result.folded)} placed by lenses that fold over, as those of panoramas do"

@@ -40,3 +40,12 @@ def test_a_view_that_shows_nothing_of_the_message_does_not_count_for_it() -> Non
     for quantity in ("psnr", "ssim", "psnr_covered"):
         average = mean_value([row for row in rows if row.quantity == quantity and row.split == "test"])
         assert attacked[MESSAGE, quantity] == pytest.approx(average, abs=1e-6), quantity
+
+
+def test_residuals_are_kept_for_those_who_ask_for_them() -> None:
+    """They are as large as all test views in float32."""
+    target, owner = target_and_owner("sh")
+    container = ReadContainer(target.gaussians, owner, target.gaussians)
+    for asked in (False, True):
+        scores = score(container, "sh", scene(), {}, {}, 0, lambda done, total: None, keep_residuals=asked)
+        assert set(scores.residuals) == (set(scene().test_names) if asked else set())

@@ -66,6 +66,14 @@ def test_a_changed_file_is_never_interpreted(data: Path, package: Path, capsys: 
     assert not weights_installed()
 
 
+def test_an_empty_file_is_told(data: Path) -> None:
+    """A power cut may leave one."""
+    data.mkdir(exist_ok=True)
+    (data / "lpips-0.1-vgg.npz").write_bytes(b"")
+    with pytest.raises(UserError, match="weights cannot be read"):
+        read_weights("vgg")
+
+
 class Harm:
     def __reduce__(self) -> tuple[object, ...]:
         return (os.mkdir, ("harmed",))
