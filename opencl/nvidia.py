@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from pathlib import Path
 
 import pyopencl
 import torch
@@ -21,6 +22,11 @@ OCL_ICD_VENDORS or OCL_ICD_FILENAMES is set: unset it, or name the library there
   mkdir -p ~/opencl && echo libnvidia-opencl.so.1 > ~/opencl/nvidia.icd && export OCL_ICD_VENDORS=~/opencl
 (where the OpenCL loader is Khronos' and not pyopencl's own: export OCL_ICD_FILENAMES=libnvidia-opencl.so.1)."""
 
+IN_WSL = """\
+This is WSL 2, inside which NVIDIA offers CUDA but no OpenCL, which draws here: the GPU can be used from Linux alone.
+Install no driver or library of NVIDIA's inside WSL: it would take the place of the one that Windows provides."""
+_KERNEL = Path("/proc/version")
+
 
 def faults(seen: bool, asked: bool) -> list[str]:
     """Reasons why torch cannot use this machine's NVIDIA GPU or OpenCL cannot draw on it, each with a remedy.
@@ -35,7 +41,13 @@ def faults(seen: bool, asked: bool) -> list[str]:
         if (asked and not available) or (available and torch.version.cuda is None):
             return []
         of_torch = _fault_of_torch()
-    return [*([of_torch] if of_torch else []), *([] if seen else [MISSING_ICD])]
+    missing = [] if seen else [IN_WSL if _is_wsl() else MISSING_ICD]
+    return [*([of_torch] if of_torch else []), *missing]
+
+
+def _is_wsl() -> bool:
+    """Whether this Linux runs inside Windows (WSL), whose kernel says so."""
+    return _KERNEL.is_file() and "microsoft" in _KERNEL.read_text(errors="replace").lower()
 
 
 def _fault_of_torch() -> str | None:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import torch
+
 from opencl.routes import describe_drawing
 from pipeline.checkpoint import Checkpoint, Checkpoints, State
-from pipeline.errors import Interrupted
+from pipeline.errors import Interrupted, UserError
 from pipeline.stage import Context
 from stages.hiding.rendering import COVER
 from stages.imaging.metric_table import MetricRow
@@ -31,9 +33,24 @@ def train(context: Context, training: Training, checkpoints: Checkpoints | None 
     with watching(Stopwatch()) as stopwatch:
         session = _Session(context, training, checkpoints, stopwatch)
         session.go_on()
-        curves = training.run(session.look)
+        try:
+            curves = training.run(session.look)
+        except torch.OutOfMemoryError as error:
+            raise _too_large(training, error) from error
         context.log(stopwatch.table(iterations))
     return curves
+
+
+def _too_large(training: Training, error: torch.OutOfMemoryError) -> UserError:
+    cameras = training.views.cameras
+    return UserError(
+        "the GPU has too little memory for this training",
+        where=f"iteration {training.iteration + 1}",
+        found=f"{len(training.gaussians)} Gaussians, pictures of {cameras[0].width} x {cameras[0].height}; "
+        f"{str(error).splitlines()[0]}",
+        remedy="If other stages or programs use the GPU: --workers 1, or stop them; the training then goes on from its "
+        "last checkpoint. Otherwise bound the Gaussians (maximum_gaussians), or train on smaller pictures.",
+    )
 
 
 class _Session:

@@ -130,10 +130,12 @@ def checks(backend: CudaBackend, inputs: Callable[[], Inputs]) -> Iterator[tuple
     device = backend.tensor_device
     draw, copying = nvidia_checks.drawn_on(device), Backend(backend.device, shares_memory=False)
 
-    def training(precision: str) -> bool:
+    def training(precision: str, ours: bool = False) -> bool:
         from tests.benchmarks import nvidia_training
 
-        return nvidia_training.check_training(device, precision, nvidia_training.WHOLE)
+        return nvidia_training.check_training(
+            device, precision, nvidia_training.OURS if ours else nvidia_training.WHOLE
+        )
 
     yield from comparisons("in torch's memory", backend, draw)
     yield "runs", lambda: nvidia_checks.check_runs(draw)
@@ -141,6 +143,7 @@ def checks(backend: CudaBackend, inputs: Callable[[], Inputs]) -> Iterator[tuple
     yield from comparisons("by copies", copying, nvidia_checks.drawn_by(copying))
     for precision in ("float32", "tf32", "bfloat16"):
         yield f"a training in {precision}", lambda precision=precision: training(precision)
+    yield "a training with decoders of single pixels", lambda: training("float32", ours=True)
     yield "times", lambda: nvidia_timing.time_workload(device, inputs())
     yield "times by copies", lambda: nvidia_timing.time_copies(backend.device, inputs())
     yield "kernels", lambda: nvidia_timing.print_kernels(backend, inputs())

@@ -74,11 +74,14 @@ def time_decoding(device: torch.device, box: Box) -> None:
     from stages.hiding.decoders import PRECISIONS, Decoder, Precision, decode
     from stages.imaging.ssim import ssim
 
-    decoders = [Decoder(box.feature_dim, 3).to(device) for _ in range(2)]
+    of_methods = {
+        "GS-Hider": [Decoder(box.feature_dim, 3).to(device) for _ in range(2)],
+        "homogeneous": [Decoder(box.feature_dim, 3, width=32, kernel_size=1).to(device) for _ in range(2)],
+    }
     feature_map = torch.rand(box.height, box.width, box.feature_dim, device=device, requires_grad=True)
     truth = torch.rand(box.height, box.width, 3, device=device)
 
-    def decoded(precision: Precision) -> None:
+    def decoded(decoders: list[Decoder], precision: Precision) -> None:
         sum(decode(decoder, feature_map, precision).sum() for decoder in decoders).backward()
 
     def compared() -> None:
@@ -86,8 +89,10 @@ def time_decoding(device: torch.device, box: Box) -> None:
         (ssim(picture, truth) + ssim(picture, truth)).backward()
 
     print(f"{box.width} x {box.height}, M={box.feature_dim}, forward + backward of two, ms, medians")
-    for name, precision in PRECISIONS.items():
-        print(f"  decoders, {name:12} {median_milliseconds(lambda precision=precision: decoded(precision)):8.3f}")
+    for method, decoders in of_methods.items():
+        for name, precision in PRECISIONS.items():
+            taken = median_milliseconds(lambda pair=decoders, precision=precision: decoded(pair, precision))
+            print(f"  decoders of {method}, {name:12} {taken:8.3f}")
     print(f"  similarities           {median_milliseconds(compared):8.3f}", flush=True)
 
 

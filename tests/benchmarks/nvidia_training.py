@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -43,6 +43,9 @@ class Size:
 
 WHOLE = Size(points=5000, width=200, height=132, feature_dim=16, layers=5, decoder_width=64)
 """Like the trainings of the CPU profile, whose decoders are as wide as the paper's."""
+
+OURS = replace(WHOLE, decoder_width=32, kernel_size=1)
+"""With the decoders that `homogeneous` has by default."""
 
 
 def prepared(device: torch.device, precision: str, size: Size) -> Training:

@@ -10,7 +10,7 @@ import torch
 
 from opencl import check
 from opencl.device import DEVICE_VARIABLE, Device, choose_device, list_devices
-from opencl.nvidia import MISSING_ICD
+from opencl.nvidia import IN_WSL, MISSING_ICD
 from tests.opencl.pretended_devices import gpu
 
 ROOT = Path(__file__).parents[2]
@@ -75,6 +75,14 @@ def test_a_gpu_that_opencl_does_not_see(nvidia_without_opencl, capsys):
     """A run would copy every tensor to a CPU and draw there, for days."""
     assert check.main() == 2
     assert capsys.readouterr().err == f"{MISSING_ICD}\n{way_out()}"
+
+
+def test_inside_windows_nothing_is_to_be_installed(nvidia_without_opencl, monkeypatch, tmp_path, capsys):
+    """A Linux driver there would take the place of what Windows provides, and CUDA would end as well."""
+    (tmp_path / "version").write_text("Linux version 6.6.87.2-microsoft-standard-WSL2 (root@x) (gcc 11.2.0)")
+    monkeypatch.setattr("opencl.nvidia._KERNEL", tmp_path / "version")
+    assert check.main() == 2
+    assert capsys.readouterr().err == f"{IN_WSL}\n{way_out()}"
 
 
 def test_a_gpu_that_works(nvidia):

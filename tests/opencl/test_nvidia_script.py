@@ -6,6 +6,7 @@ import inspect
 import subprocess
 import sys
 from contextlib import nullcontext
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -80,6 +81,7 @@ def small(monkeypatch):
     monkeypatch.setattr(nvidia_checks, "large_scene", lambda count, dtype: make_scene(300, 16, 130, 90, dtype=dtype))
     monkeypatch.setattr(nvidia_checks, "RUNS", 2)
     monkeypatch.setattr(nvidia_training, "WHOLE", SMALL)
+    monkeypatch.setattr(nvidia_training, "OURS", replace(SMALL, kernel_size=1))
     monkeypatch.setattr(nvidia_timing, "REPETITIONS", 1)
 
 

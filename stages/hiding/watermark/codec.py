@@ -57,7 +57,9 @@ class WatermarkCodec(torch.nn.Module):
         Raises `ValueError` for odd sides.
         """
         size = [side // 2 for side in images.shape[-2:]]
-        lost = torch.nn.functional.interpolate(self.lost, size, mode="bilinear", align_corners=False)
+        lost: Pictures = self.lost
+        if list(lost.shape[-2:]) != size:  # on a GPU, what gives the same bits each time is slow, even for equal sizes
+            lost = torch.nn.functional.interpolate(lost, size, mode="bilinear", align_corners=False)
         coefficients = haar(images)
         _, watermarks = self.network.inverse(coefficients, lost.expand_as(coefficients))
         return inverse_haar(watermarks)

@@ -14,6 +14,7 @@ from pipeline.stage import Services, run_stage
 from stages.scene.gaussians import Gaussians
 from stages.train_scene import TrainSceneParameters, train_scene
 from stages.training.divergence import refuse_divergence
+from stages.training.loop import Training
 from tests.stages import small
 from tests.stages.training.trainings import prepared
 
@@ -44,6 +45,24 @@ def test_nothing_is_left_to_hold_back_where_no_gaussians_are() -> None:
     assert training.method.penalty(training.gaussians) is not None
     none = {name: values[:0] for name, values in training.gaussians.parameters.items()}
     assert training.method.penalty(Gaussians(none)) is None
+
+
+def test_a_gpu_that_is_too_small_is_told_with_what_to_change(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    steps = Training.step
+
+    def step(training: Training, iteration: int) -> dict[str, float]:
+        if iteration == 4:
+            raise torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2.00 GiB.\nMore of it.")
+        return steps(training, iteration)
+
+    monkeypatch.setattr(Training, "step", step)
+    inputs = {"scene": small.scene(tmp_path / "scene")}
+    with pytest.raises(
+        UserError, match=r"too little memory .* pictures of \d+ x \d+; CUDA out of memory.*2.00 GiB"
+    ) as told:
+        run_stage(train_scene, TrainSceneParameters(iterations=9), inputs, tmp_path / "out")
+    assert str(told.value).startswith("iteration 4: ")
+    assert "--workers 1" in str(told.value)
 
 
 @pytest.mark.parametrize(("maximum", "told"), [(70, 1), (1_000_000, 0)])
