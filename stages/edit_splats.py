@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated
 
+import numpy as np
 from pydantic import Field
 
 from pipeline.artifact import Artifact
@@ -18,6 +20,7 @@ from stages.scene.frames import rig_frame
 from stages.scene.gaussians import Gaussians
 from stages.scene.moved_splats import degree_of
 from stages.scene.scene import read_scene
+from stages.scene.similarity import Similarity
 from stages.scene.world_scale import stated, world_scale_of
 
 
@@ -51,7 +54,7 @@ def edit_splats(context: Context, parameters: EditSplatsParameters) -> None:
     added = None if given is None else _read(given, context.input_optional("added_scene"), "added_scene")
     gaussians = splats.gaussians
     for number, edit in enumerate(parameters.edits, start=1):
-        gaussians, count = edited(Splats(gaussians, splats.frame, splats.name), edit, added)
+        gaussians, count = edited(replace(splats, gaussians=gaussians), edit, added)
         context.log(f"edit {number}, {edit.edit}: {count} Gaussians")
         context.progress(number, len(parameters.edits))
         context.stop_if_requested()
@@ -62,10 +65,12 @@ def edit_splats(context: Context, parameters: EditSplatsParameters) -> None:
 
 def _read(splats: Artifact, scene: Artifact | None, name: str) -> Splats:
     check_method(splats, PLAIN)
-    if scene is None:
-        return Splats(read_gaussians(splats), None, name)
-    photographed = read_scene(scene)
-    return Splats(read_gaussians(splats), rig_frame(rig_of(photographed.cameras, photographed.points)), name)
+    scale, frame = world_scale_of(splats), None
+    if scene is not None:
+        photographed = read_scene(scene)
+        of_scene = rig_frame(rig_of(photographed.cameras, photographed.points))
+        frame = Similarity(scale / world_scale_of(scene), np.eye(3), np.zeros(3)).compose(of_scene)
+    return Splats(read_gaussians(splats), frame, name, scale)
 
 
 def _write(context: Context, gaussians: Gaussians) -> None:

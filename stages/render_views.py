@@ -16,6 +16,7 @@ from stages.hiding.rendering import Rendering
 from stages.hiding.storage import check_method, read_gaussians, read_method
 from stages.scene.camera_path import camera_path
 from stages.scene.scene import read_scene
+from stages.scene.world_scale import refuse_other_world
 
 
 class RenderViewsParameters(Parameters):
@@ -44,6 +45,7 @@ def render_views(context: Context, parameters: RenderViewsParameters) -> None:
     torch.set_num_threads(parameters.threads)
     container, scene, device = context.input("container"), read_scene(context.input("cover")), working_device()
     check_method(container, parameters.method)
+    refuse_other_world(container, context.input("cover"))
     rig = scene.training_cameras
     path = camera_path(rig, scene.points, parameters.views, parameters.bends)
 

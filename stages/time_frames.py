@@ -26,6 +26,7 @@ from stages.imaging.metric_table import MetricRow, write_rows
 from stages.scene.cameras import Camera, single_cameras
 from stages.scene.gaussians import Gaussians
 from stages.scene.scene import read_scene
+from stages.scene.world_scale import refuse_other_world
 
 Draw = Callable[[Camera], Rendering]
 
@@ -54,6 +55,7 @@ def time_frames(context: Context, parameters: TimeFramesParameters) -> None:
     torch.set_num_threads(parameters.threads)
     container = context.input("container")
     check_method(container, parameters.method)
+    refuse_other_world(container, context.input("cover"))
     device = working_device()
     gaussians, method = read_gaussians(container, device), read_method(container, device=device)
     scene = read_scene(context.input("cover"))

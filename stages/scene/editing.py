@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -22,11 +22,20 @@ from stages.scene.similarity import Similarity
 
 @dataclass(frozen=True)
 class Splats:
-    """3DGS Gaussians and, if their cameras are known, the rig's frame; `name` is the stage input with those cameras."""
+    """3DGS Gaussians and, if their cameras are known, the rig's frame; `name` is the stage input with those cameras.
+
+    `scale` is how much larger their world is than that of the poses (`world_scale`), in which edits give coordinates.
+    """
 
     gaussians: Gaussians
     frame: Similarity | None
     name: str
+    scale: float = 1.0
+
+    @property
+    def world(self) -> Similarity:
+        """From the poses' world into that of the Gaussians."""
+        return Similarity(self.scale, np.eye(3), np.zeros(3))
 
 
 def edited(splats: Splats, edit: Edit, added: Splats | None) -> tuple[Gaussians, int]:
@@ -66,19 +75,18 @@ def _placed(edit: Add, splats: Splats, added: Splats | None) -> Gaussians:
             "there is nothing to add", found="no input added", expected="splats", remedy="give edit_splats the input"
         )
     own = added.frame or splats_frame(added.gaussians.means.numpy())
-    taken = chosen(added.gaussians, _inside(Splats(added.gaussians, own, added.name), edit.only))
+    taken = chosen(added.gaussians, _inside(replace(added, frame=own), edit.only))
     turn = Rotation.from_euler("xyz", edit.turn, degrees=True).as_matrix()
     placement = Similarity(edit.scale, turn, np.array(edit.place))
-    if edit.coordinates == "rig":
-        placement = _frame_of(splats).compose(placement).compose(own.inverse())
-    return moved(taken, placement)
+    into, out_of = (_frame_of(splats), own) if edit.coordinates == "rig" else (splats.world, added.world)
+    return moved(taken, into.compose(placement).compose(out_of.inverse()))
 
 
 def _inside(splats: Splats, where: EditedRegion | None) -> Bool[Tensor, " N"]:
     """Which Gaussians lie in a region, or all without one. Raises `UserError` if none do."""
     if where is None:
         return torch.ones(len(splats.gaussians), dtype=torch.bool)
-    frame = _frame_of(splats) if where.coordinates == "rig" else Similarity.identity()
+    frame = _frame_of(splats) if where.coordinates == "rig" else splats.world
     means = splats.gaussians.means.numpy().astype(np.float64)
     inside = Region(where.shape, np.array(where.centre), np.array(where.size), frame).contains(means)
     if not inside.any():

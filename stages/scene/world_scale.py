@@ -39,3 +39,18 @@ def scaled(gaussians: Gaussians, factor: float) -> Gaussians:
     """Gaussians in a world that is `factor` times as large; view-dependent colours stay as they are."""
     grown = {"means": gaussians.means * factor, "log_scales": gaussians["log_scales"] + math.log(factor)}
     return Gaussians(gaussians.parameters | grown)
+
+
+def refuse_other_world(gaussians: Artifact, scene: Artifact) -> None:
+    """Raise `UserError` for splats in another world than the scene from whose cameras they are to be drawn.
+
+    Containers are in that of the scene with which they were made, and do not state it.
+    """
+    if gaussians.kind == "splats" and world_scale_of(gaussians) != world_scale_of(scene):
+        raise UserError(
+            "the splats are not in the world of the cameras",
+            where=gaussians.path,
+            found=f"a world {world_scale_of(gaussians):g} times as large as that of the poses they came with",
+            expected=f"one {world_scale_of(scene):g} times as large, as the scene's",
+            remedy="Train splats on this scene, or give the scene on which these were trained.",
+        )

@@ -16,11 +16,14 @@ from pipeline.stage import run_stage
 from stages.edit_splats import EditSplatsParameters, edit_splats
 from stages.hiding.method import build_method
 from stages.hiding.storage import read_gaussians, read_method, write_container
+from stages.render_views import RenderViewsParameters, render_views
 from stages.scene.alignment import rig_of
+from stages.scene.drawn_depths import enlarged_scene
 from stages.scene.frames import rig_frame
 from stages.scene.gaussians import Gaussians, gaussians_at
-from stages.scene.scene import read_scene
+from stages.scene.scene import read_scene, write_scene
 from stages.scene.spherical_harmonics import BASE
+from stages.scene.world_scale import refuse_other_world, scaled, stated
 from tests.stages import small
 
 HALF = {"shape": "box", "centre": [0.5, 0, 0], "size": [1, 9, 9], "coordinates": "world"}
@@ -179,3 +182,52 @@ def test_what_comes_from_something_private_is_private(tmp_path: Path) -> None:
         write_container(writer, gaussians_at(small.points(), attributes), build_method("plain", {"sh_degree": 0}))
     _, _, made = edited(tmp_path, [{"edit": "add", "coordinates": "world"}], added=load(tmp_path / "secret"))
     assert made.private
+
+
+ENLARGED = 10.0
+
+
+def enlarged(folder: Path) -> tuple[Artifact, Artifact]:
+    """The scene, whose poses were in small units, and the splats that were trained in its world."""
+    folder.mkdir()
+    scene, given = read_scene(small.scene(folder / "small")), splats(folder / "given")
+    with create(folder / "scene", "scene") as writer:
+        write_scene(writer, enlarged_scene(scene, ENLARGED), **stated(ENLARGED))
+    with create(folder / "splats", "splats") as writer:
+        write_container(writer, scaled(read_gaussians(given), ENLARGED), read_method(given))
+        writer.attributes.update(stated(ENLARGED))
+    return load(folder / "scene"), load(folder / "splats")
+
+
+@pytest.mark.parametrize("coordinates", ["rig", "world"])
+@pytest.mark.parametrize("edit", ["remove", "add"])
+def test_coordinates_are_those_of_the_poses_however_small_their_units(
+    tmp_path: Path, edit: str, coordinates: str
+) -> None:
+    """Splats of other programs are in the poses' world, and splats trained here in one that may be enlarged."""
+    scene, trained = enlarged(tmp_path / "enlarged")
+    region = {"shape": "ellipsoid", "size": [0.45] * 3, "coordinates": "rig"} if coordinates == "rig" else HALF
+    chosen = {"edit": "remove", "region": region} if edit == "remove" else {"edit": "add", "coordinates": coordinates}
+    parameters = EditSplatsParameters.model_validate_json(json.dumps({"edits": [chosen]}))
+    given = splats(tmp_path / "of another program")
+    more = {"added": given} if edit == "add" else {}
+    if edit == "add" and coordinates == "rig":
+        more["added_scene"] = scene
+    here, there = (
+        read_gaussians(
+            run_stage(edit_splats, parameters, {"splats": own, "scene": scene, **more}, tmp_path / name)["splats"]
+        )
+        for own, name in ((given, "here"), (trained, "there"))
+    )
+    assert 0 < len(here) == len(there) != 60
+    torch.testing.assert_close(here.means * ENLARGED, there.means, rtol=1e-4, atol=1e-4)
+
+
+def test_splats_in_another_world_than_the_cameras_are_refused(tmp_path: Path) -> None:
+    scene, trained = enlarged(tmp_path / "enlarged")
+    refuse_other_world(trained, scene)
+    with pytest.raises(UserError, match="not in the world of the cameras; found a world 1 times as large"):
+        refuse_other_world(splats(tmp_path / "of another program"), scene)
+    inputs = {"container": splats(tmp_path / "again"), "cover": scene}
+    with pytest.raises(UserError, match="not in the world of the cameras"):
+        run_stage(render_views, RenderViewsParameters(method="plain", views=2), inputs, tmp_path / "out")
