@@ -102,7 +102,7 @@ class TorchMemory:
         try:
             return torch.empty(size, dtype=dtype, device=self._tensor_device)
         except torch.OutOfMemoryError as error:
-            raise RuntimeError(f"{self._tensor_device}: {error} {WAY_OUT}") from error
+            raise torch.OutOfMemoryError(f"{self._tensor_device}: {error} {WAY_OUT}") from error
 
     def zeros(self, *size: int, dtype: torch.dtype) -> Tensor:
         return self.empty(*size, dtype=dtype).zero_()

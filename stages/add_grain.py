@@ -15,6 +15,7 @@ from stages.hiding.watermark.coins import thrown
 from stages.hiding.watermark.grain import MEASURED_ON, grained
 from stages.scene.learnt_views import learnt_names
 from stages.scene.scene import read_scene
+from stages.scene.world_scale import refuse_other_world
 
 
 class AddGrainParameters(Parameters):
@@ -59,6 +60,7 @@ def add_grain(context: Context, parameters: AddGrainParameters) -> None:
     torch.set_num_threads(parameters.threads)
     container = context.input("container")
     check_method(container, parameters.method)
+    refuse_other_world(container, context.input("cover"))
     refuse_sealed(context.input_optional("secret"), "add_grain")
     device, scene = working_device(), read_scene(context.input("cover"))
     method = read_method(container, context.input_optional("secret"), device)

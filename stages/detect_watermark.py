@@ -53,6 +53,7 @@ from stages.imaging.windows import is_as_large, windows_of_all
 from stages.scene.camera_path import camera_path
 from stages.scene.cameras import Cameras
 from stages.scene.scene import Scene, read_scene
+from stages.scene.world_scale import refuse_other_world
 from stages.training.codec_photos import read_photos
 from stages.training.libraries import LIBRARIES
 
@@ -194,6 +195,7 @@ def _detector(
 def _positives(context: Context, parameters: DetectWatermarkParameters, scene: Scene) -> Positives:
     container = context.input("container")
     check_method(container, parameters.method)
+    refuse_other_world(context.input("before"), context.input("cover"))
     tests = _renders(container, scene.cameras.select(scene.test_names), context.stop_if_requested)
     path = camera_path(scene.cameras, scene.points, parameters.renders)
     new = _renders(container, path, context.stop_if_requested)
@@ -304,6 +306,7 @@ def _negatives(
         yield Negative(NOISY_PHOTOS, name, None), NOISE.apply(window, generator)
     others = zip(context.input_many("other_scenes"), context.input_many("other_splats"), strict=True)
     for number, (other, model) in enumerate(others, start=1):
+        refuse_other_world(model, other)
         for picture in seen(model, read_scene(other), amounts.each):
             yield Negative(OTHER_RENDERS, f"capture {number}", OTHER_SCENES), picture
 

@@ -87,7 +87,9 @@ def evaluate(context: Context, parameters: EvaluateParameters) -> None:
     container, reference = context.input("container"), context.input_optional("reference")
     secret = context.input_optional("secret")
     check_method(container, parameters.method)
-    refuse_other_world(container, context.input("cover"))
+    for drawn in (container, reference):
+        if drawn is not None:
+            refuse_other_world(drawn, context.input("cover"))
     messages = _hidden_messages(messages, secret)
     image = _hidden_image(context.input_optional("image"), secret, scene)
     passes = 1 if reference is None else 2
@@ -111,7 +113,6 @@ def evaluate(context: Context, parameters: EvaluateParameters) -> None:
     every = [scored(container, parameters.method, messages, 0)]
     published = [] if container.private else [*every]
     if reference is not None:
-        refuse_other_world(reference, context.input("cover"))
         every.append(scored(reference, PLAIN, {}, 1))
         published += [] if reference.private else every[-1:]
     _write(context, every, scene, published, views_for_the_public(scene, parameters.shown_train_views))

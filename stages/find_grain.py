@@ -19,6 +19,7 @@ from stages.imaging.pictures import Picture, read_picture
 from stages.scene.capture import picture_path, read_capture
 from stages.scene.scene import read_scene
 from stages.scene.unreadable import unreadable_names
+from stages.scene.world_scale import refuse_other_world
 
 SCORE, FOUND, UNREADABLE = "standard_score", "has_grain", "cannot_be_read"
 
@@ -57,6 +58,7 @@ def find_grain(context: Context, parameters: FindGrainParameters) -> None:
     torch.set_num_threads(parameters.threads)
     before = context.input("before")
     check_method(before, parameters.method)
+    refuse_other_world(before, context.input("cover"))
     scene, key, device = read_scene(context.input("cover")), context.input_optional("key"), working_device()
     drawn_by = describe_drawing(device)
     reader = owners_reader(before, scene, key, parameters.grain_seed, device)

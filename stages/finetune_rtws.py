@@ -21,6 +21,7 @@ from stages.imaging.pictures import picture_to_tensor
 from stages.scene.cameras import single_cameras
 from stages.scene.message_views import read_message_pictures
 from stages.scene.scene import Scene, read_scene
+from stages.scene.world_scale import refuse_other_world
 from stages.training.feature_tuning import (
     FeatureRates,
     feature_training,
@@ -86,6 +87,7 @@ def finetune_rtws(context: Context, parameters: FinetuneRtwsParameters) -> None:
     container, secret = context.input("container"), context.input_optional("secret")
     refuse_sealed(secret, "finetune_rtws")
     check_method(container, parameters.method)
+    refuse_other_world(container, context.input("cover"))
     device = working_device()
     scene, codec = read_scene(context.input("cover")), read_codec(context.input("codec")).to(device)
     watermark = filling(read_image(context.input("watermark"))[1], scene.cameras.width, scene.cameras.height)

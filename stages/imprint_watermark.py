@@ -34,6 +34,7 @@ from stages.scene.cameras import Cameras, single_cameras
 from stages.scene.gaussians import Gaussians
 from stages.scene.learnt_views import learnt_names
 from stages.scene.scene import Scene, read_scene
+from stages.scene.world_scale import refuse_other_world
 from stages.training.codec_photos import learnt_photos
 from stages.training.feature_tuning import refuse_unknown_attributes
 from stages.training.imprinting import Imprinting, ImprintPictures, ImprintSettings
@@ -105,6 +106,7 @@ def imprint_watermark(context: Context, parameters: ImprintWatermarkParameters) 
     torch.set_num_threads(parameters.threads)
     container, secret = context.input("container"), context.input_optional("secret")
     check_method(container, parameters.method)
+    refuse_other_world(container, context.input("cover"))
     device = working_device()
     scene, codec = read_scene(context.input("cover")), read_codec(context.input("codec")).to(device)
     refuse_sealed(secret, "imprint_watermark")

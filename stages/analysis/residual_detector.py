@@ -188,10 +188,10 @@ def _crops(scenes: Sequence[Views], places: Sequence[Place], size: int) -> list[
     return [found[place] for place in places]
 
 
-def _logits(detector: ResidualDetector, places: Sequence[Tensor]) -> Tensor:
+def _logits(detector: ResidualDetector, crops: Sequence[Tensor]) -> Tensor:
     """The logits of all crops, batched by shape, since scenes may differ in size and channels; order is not kept."""
     by_shape: dict[torch.Size, list[Tensor]] = {}
-    for place in places:
-        by_shape.setdefault(place.shape, []).append(place)
+    for crop in crops:
+        by_shape.setdefault(crop.shape, []).append(crop)
     device = detector.verdict.weight.device
     return torch.cat([detector(torch.stack(group).to(device)) for group in by_shape.values()])

@@ -32,8 +32,8 @@ def train(context: Context, training: Training, checkpoints: Checkpoints | None 
         checkpoints = Checkpoints(context, LIBRARIES, {"device": describe_drawing(training.device)})
     with watching(Stopwatch()) as stopwatch:
         session = _Session(context, training, checkpoints, stopwatch)
-        session.go_on()
         try:
+            session.go_on()
             curves = training.run(session.look)
         except torch.OutOfMemoryError as error:
             raise _too_large(training, error) from error

@@ -128,7 +128,8 @@ def test_messages_that_hardly_any_view_shows_are_told(tmp_path: Path) -> None:
 
     def scored(legal: float) -> list[MetricRow]:
         seen = MetricRow("legal", legal, "", "a.png", "test", PLANTED, method="gs_hider")
-        return rows(20.0) + secret_rows(26.0) + [seen]
+        other = MetricRow("legal", 1, "", "a.png", "test", "another message", method="gs_hider")
+        return rows(20.0) + secret_rows(26.0) + [seen, other]
 
     page = owners_page(tmp_path, scored(1), scored(0))
     [told] = re.findall(r'<p class="remark">([^<]*)</p>', page)

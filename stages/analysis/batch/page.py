@@ -20,7 +20,6 @@ from stages.analysis.batch.results import (
     SCENE,
     Figure,
     Result,
-    hardly_seen,
     mean_figure,
     measured,
 )
@@ -87,7 +86,7 @@ def owner_page(results: Sequence[Result], workflow: str) -> BatchPage:
     names = tuple(dict.fromkeys(name for result in results for name in result.values))
     note = "Time: all stages behind a row together; stages shared by several rows count in each."
     page = _page(workflow, f"{told}.", tiles, names, results, OWNER_FIGURES, OWNER_SUBJECTS, note)
-    rows = [" · ".join(filter(None, result.values.values())) for result in hardly_seen(made)]
+    rows = [" · ".join(filter(None, result.values.values())) for result in made if result.hardly_seen]
     return replace(page, notices=(f"{listed(rows)}: {HARDLY_SEEN}",) if rows else ())
 
 

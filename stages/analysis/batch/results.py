@@ -45,7 +45,8 @@ class Result:
     """The result of one item: its `values` by column, and its figures, NaN if not measured; or the cause of failure.
 
     `seconds` is the total time of all stages behind it, including those shared with other items. `placed` are the
-    scenes behind it whose numbers of placed photos are known.
+    scenes behind it whose numbers of placed photos are known. `hardly_seen`: a message was scored on test views, of
+    which none is legal.
     """
 
     values: Mapping[str, str]
@@ -53,6 +54,7 @@ class Result:
     seconds: float
     cause: str | None = None
     placed: tuple[Placed, ...] = ()
+    hardly_seen: bool = False
 
     @property
     def made(self) -> bool:
@@ -75,6 +77,7 @@ def read_result(
         tuple(mean_of(rows[figure.subject], figure.column) for figure in wanted),
         math.fsum(record.seconds for record in behind),
         placed=tuple(scene for scene in placed if scene.stage in {record.name for record in behind}),
+        hardly_seen=_has_hardly_seen(rows[MESSAGE]),
     )
 
 
@@ -88,10 +91,12 @@ def mean_figure(results: Sequence[Result], index: int) -> float:
     return mean_value([MetricRow("", result.figures[index]) for result in results if result.made])
 
 
-def hardly_seen(results: Sequence[Result]) -> list[Result]:
-    """The results of `OWNER_FIGURES` whose messages were scored on test views, none of which is legal."""
-    index = OWNER_FIGURES.index(LEGAL)
-    return [result for result in results if result.made and result.figures[index] == 0]
+def _has_hardly_seen(rows: Sequence[MetricRow]) -> bool:
+    legal: dict[str | None, bool] = {}
+    for row in rows:
+        if (row.quantity, row.split) == (LEGAL.column.quantity, LEGAL.column.split):
+            legal[row.message] = legal.get(row.message, False) or row.value > 0
+    return not all(legal.values())
 
 
 def _by_subject(rows: Sequence[MetricRow]) -> dict[str, list[MetricRow]]:

@@ -95,8 +95,8 @@ def public_lineage(lineage: Sequence[LineageRecord], shown: Collection[str] = ()
     A stage with any private output is left out, and so is a public one that only such stages use, unless an output of
     its own is `shown` (a digest): the photos of something that later becomes private reveal as much as the stage that
     makes it so. Also left out, as any of it may reveal a message or name a person: the parameters of a stage that takes
-    input from an omitted one, and all that are texts; the stages' own names, which may say what they serve ("cover"),
-    with the columns of rows; and the modules that had changed when a result was accepted.
+    input from an omitted one, and all others but numbers, yes or no, and null; the stages' own names, which may say
+    what they serve ("cover"), with the columns of rows; and the modules that had changed when a result was accepted.
     """
     kept = public_stages(lineage, shown)
     names = _names_to_the_public([record for record in lineage if record.name in kept])

@@ -110,8 +110,8 @@ def test_places_are_turned_over_in_every_way() -> None:
     views = views_of(scene(0)[:1])
     ways = [(), (1,), (2,), (1, 2)]
     whole = views.tensor(0)
-    places = [place for place, _ in _pairs([(views, views)], 64, 40, np.random.default_rng(0))]
-    assert {way for way in ways for place in places if torch.equal(place, whole.flip(way))} == {*ways}
+    crops = [crop for crop, _ in _pairs([(views, views)], 64, 40, np.random.default_rng(0))]
+    assert {way for way in ways for crop in crops if torch.equal(crop, whole.flip(way))} == {*ways}
 
 
 class CountedViews(StoredViews):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 
 from pipeline.companion import work_together
 from stages.scene.lens import Lens
@@ -58,10 +59,9 @@ def reconstructed(task: Job, stopped: bool = False) -> Reconstruction:
 
 def test_stopped_while_the_pairs_in_need_are_matched(tmp_path: Path) -> None:
     undisturbed, task = reconstructed(job(tmp_path / "undisturbed")), job(tmp_path / "stopped")
-    try:
+    with pytest.raises(Stopped):
         reconstructed(task, stopped=True)
-    except Stopped:
-        resumed = reconstructed(task)
+    resumed = reconstructed(task)
     assert resumed.rows == undisturbed.rows
     assert len(resumed.rows) > FIRST, "they were needed"
     np.testing.assert_array_equal(resumed.world_to_camera, undisturbed.world_to_camera)

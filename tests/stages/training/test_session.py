@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 import torch
 
+from opencl.memory import TorchMemory
 from pipeline.errors import UserError
 from pipeline.stage import Services, run_stage
 from stages.scene.gaussians import Gaussians
@@ -51,14 +52,18 @@ def test_a_gpu_that_is_too_small_is_told_with_what_to_change(tmp_path: Path, mon
     steps = Training.step
 
     def step(training: Training, iteration: int) -> dict[str, float]:
-        if iteration == 4:
-            raise torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2.00 GiB.\nMore of it.")
+        if iteration == 4:  # as the rasterizer asks for memory, and says what it lacks
+            monkeypatch.setattr(torch, "empty", full)
+            TorchMemory(torch.device("cuda")).empty(3, dtype=torch.float32)
         return steps(training, iteration)
+
+    def full(*_: object, **__: object) -> None:
+        raise torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2.00 GiB.")
 
     monkeypatch.setattr(Training, "step", step)
     inputs = {"scene": small.scene(tmp_path / "scene")}
     with pytest.raises(
-        UserError, match=r"too little memory .* pictures of \d+ x \d+; CUDA out of memory.*2.00 GiB"
+        UserError, match=r"too little memory .* pictures of \d+ x \d+; cuda: CUDA out of memory.*2.00 GiB"
     ) as told:
         run_stage(train_scene, TrainSceneParameters(iterations=9), inputs, tmp_path / "out")
     assert str(told.value).startswith("iteration 4: ")
