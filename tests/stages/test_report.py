@@ -202,11 +202,15 @@ def test_parameters_that_are_texts_are_not_on_the_public_page(inputs: dict, tmp_
 def test_the_public_page_says_how_what_it_shows_was_trained(inputs: dict) -> None:
     """Private stages alone use the training, but its curve is public and on the page."""
     [curve, _] = inputs["curves"]
-    trained = replace(record("plain", "train_scene", "cover", iterations=2000), outputs=(curve.digest,))
+    trained = replace(
+        record("plain", "train_scene", "cover", iterations=2000, ssim_weight_cover=0.2), outputs=(curve.digest,)
+    )
     used = record("scores", "evaluate", "plain", private=True)
     lineage = (*LINEAGE[:2], trained, used)
     given = {name: inputs.get(name, ()) for name in INPUTS}
-    assert [each.uses for each in public_material(given, lineage).lineage] == ["synthesize", "sfm", "train_scene"]
+    shown = public_material(given, lineage).lineage
+    assert [each.uses for each in shown] == ["synthesize", "sfm", "train_scene"]
+    assert shown[-1].parameters == {"iterations": 2000}, "a name of the others speaks of a cover"
     assert [each.uses for each in public_lineage(lineage)] == []
 
 

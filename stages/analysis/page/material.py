@@ -25,6 +25,7 @@ PUBLIC_QUANTITIES = frozenset(
 )
 PUBLIC_ROLES = frozenset({"cover"})
 PUBLIC_FACTS = frozenset({"device"})
+TELLING = ("cover", "message", "hid", "secret")
 ACCEPTED, PUBLICLY_ACCEPTED = "accepted", "kept after a change of code"
 
 SECOND_HARMONICS, DECODER, GS_HIDER = "sh", "decoder", "gs_hider"
@@ -113,8 +114,15 @@ def public_lineage(lineage: Sequence[LineageRecord], shown: Collection[str] = ()
 
 
 def _numbers(parameters: Mapping[str, object]) -> dict[str, int | float | None]:
-    """The parameters that are numbers, yes or no, or null: texts may be names of folders or photos."""
-    return {name: value for name, value in parameters.items() if value is None or isinstance(value, int | float)}
+    """The parameters that are numbers, yes or no, or null, as texts may be names of folders or photos.
+
+    Those whose own names tell of hiding are left out, too.
+    """
+    return {
+        name: value
+        for name, value in parameters.items()
+        if (value is None or isinstance(value, int | float)) and not any(word in name for word in TELLING)
+    }
 
 
 def public_stages(lineage: Sequence[LineageRecord], shown: Collection[str] = ()) -> frozenset[str]:
