@@ -135,6 +135,7 @@ def detect_watermark(context: Context, parameters: DetectWatermarkParameters) ->
     from before. They are counted separately, since decoders know that scene.
     """
     torch.set_num_threads(parameters.threads)
+    _refuse_other_worlds(context)
     scene = read_scene(context.input("cover"))
     cameras = scene.cameras
     watermark = filling(read_image(context.input("watermark"))[1], cameras.width, cameras.height)
@@ -175,6 +176,13 @@ def _seen_before(context: Context, checkpoints: Checkpoints) -> list[Shown]:
     return seen
 
 
+def _refuse_other_worlds(context: Context) -> None:
+    """Checked before any work: the pictures that need them come last, after hours."""
+    refuse_other_world(context.input("before"), context.input("cover"))
+    for splats, scene in zip(context.input_many("other_splats"), context.input_many("other_scenes"), strict=False):
+        refuse_other_world(splats, scene)
+
+
 def _detector(
     context: Context, parameters: DetectWatermarkParameters, scene: Scene, watermark: Picture, seen: Sequence[Shown]
 ) -> Detector:
@@ -195,7 +203,6 @@ def _detector(
 def _positives(context: Context, parameters: DetectWatermarkParameters, scene: Scene) -> Positives:
     container = context.input("container")
     check_method(container, parameters.method)
-    refuse_other_world(context.input("before"), context.input("cover"))
     tests = _renders(container, scene.cameras.select(scene.test_names), context.stop_if_requested)
     path = camera_path(scene.cameras, scene.points, parameters.renders)
     new = _renders(container, path, context.stop_if_requested)
@@ -306,7 +313,6 @@ def _negatives(
         yield Negative(NOISY_PHOTOS, name, None), NOISE.apply(window, generator)
     others = zip(context.input_many("other_scenes"), context.input_many("other_splats"), strict=True)
     for number, (other, model) in enumerate(others, start=1):
-        refuse_other_world(model, other)
         for picture in seen(model, read_scene(other), amounts.each):
             yield Negative(OTHER_RENDERS, f"capture {number}", OTHER_SCENES), picture
 

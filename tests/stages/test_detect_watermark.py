@@ -63,6 +63,7 @@ from stages.scene.gaussians import Gaussians
 from stages.scene.scene import read_scene
 from tests.stages import small, watermarks
 from tests.stages.hiding.relocalisation import scenes
+from tests.stages.test_edit_splats import enlarged
 from tests.stages.test_stopping import Asking
 from tests.stages.watermarks import Inputs, finetuned, inputs_of_rtws
 
@@ -174,6 +175,17 @@ def test_other_captures_pair_up(tmp_path: Path, given: Inputs, port: str, what: 
     parameters = DetectWatermarkParameters(method="plain", renders=4, negatives=8, shipped_photos=())
     with pytest.raises(UserError, match=f"{what} do not pair up"):
         run_stage(detect_watermark, parameters, fewer, tmp_path / "tried")
+
+
+def test_splats_of_another_world_are_refused_before_any_work(
+    tmp_path: Path, given: Inputs, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("stages.detect_watermark.read_scene", lambda _: pytest.fail("work began"))
+    _, enlarged_splats = enlarged(tmp_path / "enlarged")
+    mixed = {**given, "other_splats": (enlarged_splats, cast(tuple[Artifact, ...], given["other_splats"])[1])}
+    parameters = DetectWatermarkParameters(method="plain", renders=4, negatives=8, shipped_photos=())
+    with pytest.raises(UserError, match="not in the world of the cameras"):
+        run_stage(detect_watermark, parameters, mixed, tmp_path / "tried")
 
 
 def test_a_container_of_another_method_is_refused(tmp_path: Path, given: Inputs) -> None:

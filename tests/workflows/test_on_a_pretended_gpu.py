@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,6 +14,7 @@ from tests.pretended_gpu import NAME, available
 from tests.stages.scene.splat_files.files import columns, write_ply
 from tests.workflows.test_batch_pairs import photograph
 from tests.workflows.test_published import REPOSITORY
+from tests.workflows.test_published import run as run_workflow
 
 pytestmark = [
     pytest.mark.slow,  # a minute or two each: every operation of torch goes through Python
@@ -42,20 +39,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory, new_store: Callable[[Path],
 
 
 def run(folder: Path, workflow: str, **settings: object) -> None:
-    command = [sys.executable, "-m", "tests.workflows.pretended_gpu_run", "run", f"workflows/{workflow}.yaml"]
-    chosen = [f"--set={name}={value}" for name, value in settings.items()]
-    finished = subprocess.run(
-        [*command, "--serial", "--json", "--store", str(folder / "store"), *chosen],
-        cwd=REPOSITORY,
-        capture_output=True,
-        text=True,
-        check=False,
-        env=os.environ | {"OMP_NUM_THREADS": "1", DEVICE_VARIABLE: "portable computing"},
+    made = run_workflow(
+        REPOSITORY / "workflows" / f"{workflow}.yaml",
+        folder / "store",
+        *(f"--set={name}={value}" for name, value in settings.items()),
+        module="tests.workflows.pretended_gpu_run",
+        **{DEVICE_VARIABLE: "portable computing"},
     )
-    assert finished.returncode == 0, finished.stderr[-6000:]
-    events = [json.loads(line) for line in finished.stdout.splitlines() if line.startswith("{")]
-    states = {event["state"] for event in events if event["event"] == "stage"}
-    assert {"ran"} <= states <= {"ran", "cached"}
+    assert made
     records = (folder / "store" / "actions").glob("*/record.json")
     assert any(f"tensors copied from {NAME}" in record.read_text() for record in records), "nothing was pretended"
 

@@ -22,16 +22,18 @@ stages:
 """
 
 
-def run(workflow: Path, store: Path, *arguments: str) -> dict[str, dict[str, Path]]:
+def run(
+    workflow: Path, store: Path, *arguments: str, module: str = "pipeline", **environment: str
+) -> dict[str, dict[str, Path]]:
     """Run a workflow. Returns the outputs of its stages by name. All in one process, as each takes seconds to start."""
-    command = [sys.executable, "-m", "pipeline", "run", str(workflow), "--store", str(store), "--json", "--serial"]
+    command = [sys.executable, "-m", module, "run", str(workflow), "--store", str(store), "--json", "--serial"]
     finished = subprocess.run(
         [*command, *arguments],
         cwd=REPOSITORY,
         capture_output=True,
         text=True,
         check=False,
-        env=os.environ | {"OMP_NUM_THREADS": "1"},
+        env=os.environ | {"OMP_NUM_THREADS": "1"} | environment,
     )
     assert finished.returncode == 0, finished.stderr
     events = [json.loads(line) for line in finished.stdout.splitlines() if line.startswith("{")]
