@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
 from stages.analysis.codec_quality import FOUND, MARKED
 from stages.analysis.measurements import Measurement
 from stages.analysis.page.figures import MISSING
 from stages.analysis.page.material import GS_HIDER
 from stages.analysis.paper.chapter import Chapter, title_of
-from stages.analysis.paper.grid import HERE, PAPER, Cell, Grid, Line, figure_cell, published_cell
+from stages.analysis.paper.grid import HERE, PAPER, Cell, Grid, Line, figure_cell, published_cell, some_of
 from stages.analysis.paper.measuring import Measured, Spread, measure
 from stages.analysis.paper.published import Published
 from stages.analysis.paper.relations import Relation, TwiceCounted
@@ -22,6 +22,7 @@ from stages.analysis.paper.watermark_figures import (
     IMPRINTED,
     PAPERS,
     Key,
+    captures_of,
     figures_by_capture,
     percent_cell,
     title_of_key,
@@ -174,6 +175,7 @@ def _fidelity(
 ) -> Grid:
     """PSNR_S, PSNR_M and PSNR_W, beside the paper's."""
     lines, told, controlled = [], set(), set()
+    captures = captures_of(detections)
     for key, group in detections.items():
         is_paper = key == (GS_HIDER, PAPERS)
         if key[0] not in told:
@@ -184,20 +186,20 @@ def _fidelity(
                 measure(_earlier(before, key), image_psnr),
                 Measured({}),
             )
-            lines.append(Line((title, HERE), _decibels(figures)))
+            lines.append(Line((title, HERE), _decibels(figures, captures)))
             if is_paper:
                 lines.append(Line((title, PAPER), _published(tables, "without"), published=True))
         cover = figures_by_capture(group, "psnr", COVER_CONTROL)
         if cover.by_capture and key[0] not in controlled:
             controlled.add(key[0])
             figures = (cover, measure(_earlier(control, key), image_psnr), Measured({}))
-            lines.append(Line((f"{title_of(key[0])}, trained further without it", HERE), _decibels(figures)))
+            lines.append(Line((f"{title_of(key[0])}, trained further without it", HERE), _decibels(figures, captures)))
         figures = (
             figures_by_capture(group, "psnr", COVER_AFTER),
             measure(_later(after, key), image_psnr),
             Measured({}) if key[1] == GRAINED else figures_by_capture(group, PSNR_WATERMARK, RENDERS),
         )
-        lines.append(Line((title_of_key(key), HERE), _decibels(figures)))
+        lines.append(Line((title_of_key(key), HERE), _decibels(figures, captures)))
         if is_paper:
             lines.append(Line((title_of_key(key), PAPER), _published(tables, "with"), published=True))
     return Grid(
@@ -215,8 +217,8 @@ def _fidelity(
     )
 
 
-def _decibels(figures: Iterable[Measured]) -> tuple[Cell, ...]:
-    return tuple(figure_cell("psnr", Spread(figure.average.mean)) for figure in figures)
+def _decibels(figures: Iterable[Measured], captures: Collection[str]) -> tuple[Cell, ...]:
+    return tuple(figure_cell("psnr", Spread(figure.average.mean), some_of(figure, captures)) for figure in figures)
 
 
 def _published(tables: Published, row: str) -> tuple[Cell, ...]:

@@ -63,12 +63,12 @@ def _chart(title: str, quantity: str, upward: str, found: Found) -> Chart | None
 
 
 def _size_chart(share: float, found: Found) -> Chart | None:
-    """A surrogate's PSNR minus that of the owner's decoder, over M; None if M does not vary."""
+    """The best surrogate's PSNR minus that of the owner's decoder, over M; None if M does not vary."""
     series = []
     for method in dict.fromkeys(kind.method for kind in found):
         for name, sizes in by_size(method, found).items():
             points = tuple((size, behind_owner(each, share).average.mean) for size, each in sizes.items())
             if len(points) > 1:
                 series.append(Series(name, points))
-    title = f"Does small M leak more? A surrogate with {share:.0%} of the views"
+    title = f"Does small M leak more? The best surrogate with {share:.0%} of the views"
     return line_chart(title, series, axes=("M", "dB vs. the owner's decoder")) if series else None

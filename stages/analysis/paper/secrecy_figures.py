@@ -138,12 +138,11 @@ def noise_of(*kinds: Measured) -> Noise:
 
 
 def behind_owner(experiments: Sequence[Experiment], share: float) -> Measured:
-    """PSNR of a surrogate with this share of the views minus that of the owner's decoder, in dB.
+    """PSNR of the best surrogate with this share of the views minus that of the owner's decoder, in dB.
 
     The owner's decoder does not depend on a surrogate's seed.
     """
-    surrogate = measured(experiments, "psnr_covered", SURROGATE, share)
-    return surrogate.minus(measured(experiments, "psnr_covered", OWNER).certain)
+    return best_surrogates(experiments, share).minus(measured(experiments, "psnr_covered", OWNER).certain)
 
 
 def shares(experiments: Sequence[Experiment]) -> tuple[float, ...]:
@@ -160,6 +159,15 @@ def best_surrogate(experiments: Sequence[Experiment], share: float) -> str:
     scores = {each: figure(experiments, "psnr_covered", each, share).mean for each in SURROGATES}
     known = {each: score for each, score in scores.items() if not math.isnan(score)}
     return max(known, key=lambda each: known[each], default=SURROGATE)
+
+
+def best_surrogates(experiments: Sequence[Experiment], share: float) -> Measured:
+    """On each capture, the figure of the surrogate that shows most of the message there."""
+
+    def best(own: Sequence[Experiment]) -> Measured:
+        return measured(own, "psnr_covered", best_surrogate(own, share), share)
+
+    return on_each_capture(experiments, best)
 
 
 def best_blind(experiments: Sequence[Experiment]) -> str | None:

@@ -14,14 +14,14 @@ from stages.analysis.paper.secrecy_figures import (
     behind_owner,
     best_blind,
     best_decoder,
-    best_surrogate,
+    best_surrogates,
     by_size,
     measured,
     noise_of,
     on_each_capture,
     shares,
 )
-from stages.analysis.secrecy.conditions import COVER_ITSELF, OPEN, OTHER_START, OWNER, RANDOM, SURROGATE
+from stages.analysis.secrecy.conditions import COVER_ITSELF, OPEN, OTHER_START, OWNER, RANDOM
 
 MOST_OVER_ONE_COLOUR = 1.0
 """In dB: how much better a reader without the secret may show the message than the best single colour does, which needs
@@ -54,18 +54,9 @@ def _of_kind(kind: Kind, experiments: Sequence[Experiment]) -> list[Relation]:
     for share in shares(experiments):
         if share > 0:
             text = f"{kind.title}: message over one colour, the best surrogate with {share:.0%} of the views"
-            shown = _best_surrogates(experiments, share)
+            shown = best_surrogates(experiments, share)
             relations.append(_over_one_colour(text, shown, experiments, noise_of(shown)))
     return relations
-
-
-def _best_surrogates(experiments: Sequence[Experiment], share: float) -> Measured:
-    """On each capture, the figure of the surrogate that shows most of the message there."""
-
-    def best(own: Sequence[Experiment]) -> Measured:
-        return measured(own, "psnr_covered", best_surrogate(own, share), share)
-
-    return on_each_capture(experiments, best)
 
 
 def _over_one_colour(
@@ -86,7 +77,7 @@ def _blind_relation(kind: Kind, experiments: Sequence[Experiment]) -> Relation:
 
 
 def _small_features(method: str, found: Found) -> list[Relation]:
-    """The smallest M compared with the largest: how far a surrogate is behind the owner's decoder of its container.
+    """The smallest M compared with the largest: how far the best surrogate is behind the owner's decoder.
 
     The paper says that small M "may result in hidden messages being more easily leaked", and gives no figure.
     """
@@ -98,14 +89,14 @@ def _of_sizes(title: str, own: Mapping[float, Sequence[Experiment]]) -> list[Rel
     small, large = own[min(own)], own[max(own)]
     return [
         Relation(
-            f"{title}: M = {min(own):g} leaks more than {max(own):g}, by the surrogate's gap to the owner's decoder, "
-            f"{share:.0%} of the views",
+            f"{title}: M = {min(own):g} leaks more than {max(own):g}, by the best surrogate's gap to the owner's "
+            f"decoder, {share:.0%} of the views",
             "difference",
             "more than",
             0.0,
             behind_owner(small, share).minus(behind_owner(large, share)),
             math.nan,
-            noise_of(*(measured(each, "psnr_covered", SURROGATE, share) for each in (small, large))),
+            noise_of(*(best_surrogates(each, share) for each in (small, large))),
         )
         for share in shares(small)
         if share > 0

@@ -38,8 +38,8 @@ def several_messages(study: Study, tables: Published) -> Chapter:
     """The chapter of captures that hide one message and more; for each method, the fewest messages first."""
     hiding = study.select(lambda run: bool(run.messages) and not run.hides_image)
     many = {run.capture for run in hiding if len(run.messages) > 1}
-    chosen = [run for run in hiding if run.capture in many] + list(study.select(lambda run: run.method == PLAIN))
-    runs = usual(chosen)
+    plain = study.select(lambda run: run.method == PLAIN)
+    runs = usual(run for run in (*hiding, *plain) if run.capture in many)
     kinds = [
         (method, _title(title, alike), alike)
         for method, title, group in blocks(runs)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from stages.analysis.measurements import Measurement
 from stages.analysis.page.figures import MISSING
@@ -51,16 +51,23 @@ def value_of(rows: Iterable[Measurement], quantity: str, condition: str, severit
     return mean(min(value, EXACT) if quantity == PSNR_WATERMARK else value for value in values)
 
 
-def percent_cell(share: float) -> Cell:
+def percent_cell(share: float, note: str = "") -> Cell:
     """A share in percent; `MISSING` for NaN."""
-    return Cell(MISSING if math.isnan(share) else f"{100 * share:.1f} %", "", Spread(share))
+    return Cell(MISSING if math.isnan(share) else f"{100 * share:.1f} %", note, Spread(share))
 
 
-def figures_by_capture(detections: Iterable[Experiment], quantity: str, condition: str) -> Measured:
+def captures_of(detections: Mapping[Key, Iterable[Experiment]]) -> tuple[str, ...]:
+    """The captures that any watermark was tried on."""
+    return tuple(dict.fromkeys(each.capture for group in detections.values() for each in group))
+
+
+def figures_by_capture(
+    detections: Iterable[Experiment], quantity: str, condition: str, severity: float | None = None
+) -> Measured:
     """The mean over the experiments of each capture."""
     found: dict[str, list[float]] = {}
     for each in detections:
-        value = value_of(each.rows, quantity, condition)
+        value = value_of(each.rows, quantity, condition, severity)
         if not math.isnan(value):
             found.setdefault(each.capture, []).append(value)
     return Measured({capture: Spread(mean(values), count=len(values)) for capture, values in found.items()})

@@ -5,10 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 from stages.analysis.page.figures import MISSING
-from stages.analysis.paper.grid import Cell, Grid, Line
-from stages.analysis.paper.measuring import Spread, mean
+from stages.analysis.paper.grid import Cell, Grid, Line, some_of
+from stages.analysis.paper.measuring import Spread
 from stages.analysis.paper.runs import Experiment
-from stages.analysis.paper.watermark_figures import Key, percent_cell, title_of_key, value_of
+from stages.analysis.paper.watermark_figures import (
+    Key,
+    captures_of,
+    figures_by_capture,
+    percent_cell,
+    title_of_key,
+    value_of,
+)
 from stages.analysis.watermark_trials import (
     CLEAN_CHANNEL,
     CONTAINER_WORDING,
@@ -41,10 +48,12 @@ def survival(detections: Mapping[Key, Sequence[Experiment]]) -> Grid:
     for key in detections:
         headings += [title_of_key(key), *([f"{title_of_key(key)}: false positives"] if key in tried else [])]
     lines = []
+    captures = captures_of(detections)
     for title, name, severity in _conditions(detections):
         cells: list[Cell] = []
         for key, group in detections.items():
-            cells.append(percent_cell(mean(value_of(each.rows, DETECTED, name, severity) for each in group)))
+            found = figures_by_capture(group, DETECTED, name, severity)
+            cells.append(percent_cell(found.average.mean, some_of(found, captures)))
             if key in tried:
                 cells.append(_alarms(group, name, severity))
         lines.append(Line((title,), tuple(cells)))

@@ -10,6 +10,7 @@ import pytest
 from stages.analysis.paper.ablations import ablations
 from stages.analysis.paper.chapter import Chapter
 from stages.analysis.paper.message_tables import Shown, messages_grid
+from stages.analysis.paper.no_message import no_message
 from stages.analysis.paper.published import read_published
 from stages.analysis.paper.runs import Run, Study
 from stages.analysis.paper.several_messages import several_messages
@@ -48,6 +49,26 @@ def test_several_messages_are_shown_by_every_metric() -> None:
     assert found[name, "Message 1 · reef", "fox"]["PSNR, covered (dB)"] == "24.42"
     assert found[name, second, "fox"]["PSNR, covered (dB)"] == "24.02"
     assert found[name, second, "fox"]["Legal views"] == "1 of 2"
+
+
+def test_captures_that_hide_one_message_alone_are_left_out_of_several() -> None:
+    """Plain 3DGS hides nothing on either: its average would be over other captures than those of the methods."""
+    rows = scene_rows("fox", "gs_hider", messages=["reef", "library"])
+    single = scene_rows("bonsai", "gs_hider", messages=["reef"])
+    methods = ("gs_hider", "plain")
+    runs = [*(run(method, rows) for method in methods), *(replace(run(m, single), capture="bonsai") for m in methods)]
+    chapter = several_messages(Study(tuple(runs)), read_published())
+    shown = table(chapter, "Several messages, test views: PSNR (dB)")["3DGS", "Cover", "here"]
+    assert shown["Average"] == shown["fox"]
+    assert shown.get("bonsai", "–") == "–"
+
+
+def test_the_papers_figures_without_a_message_are_of_its_own_methods_alone() -> None:
+    methods = ("plain", "sh", "gs_hider", "homogeneous")
+    runs = [replace(run(method, scene_rows("kitchen", method)), capture="kitchen") for method in methods]
+    [grid] = no_message(Study(tuple(runs)), read_published()).grids
+    assert {line.names[0] for line in grid.lines} == {"3DGS", "3DGS+SH", "GS-Hider", "Homogeneous GS-Hider"}
+    assert {line.names[0] for line in grid.lines if line.published} == {"3DGS", "GS-Hider"}
 
 
 def test_fewer_messages_come_first() -> None:

@@ -185,6 +185,27 @@ def test_seeds_of_a_capture_are_averaged() -> None:
         assert bounds == pytest.approx([100 * (903 + 3) / 4000 / 2])
 
 
+def test_averages_over_fewer_captures_than_others_say_so() -> None:
+    """Else the difference between captures would pass for what a watermark costs."""
+    found = detection("paper", "gs_hider", 0)
+    grain = replace(found, stage="detection_grain[fox]")
+    study = Study((), experiments=(found, replace(found, capture="kitchen"), grain))
+    grids = {grid.caption: grid for grid in rtws(study, read_published()).grids}
+    lines = {line.names: line.cells for line in grids["RTWS: PSNR (dB), averages over the captures"].lines}
+    notes = {names: cells[0].note for names, cells in lines.items()}
+    assert notes["GS-Hider, RTWS", "here"] == ""
+    assert notes["GS-Hider, grain, read by its owner", "here"] == "on 1 capture"
+    assert [cell.note for cell in grids["Renders detected"].lines[0].cells] == ["", "on 1 capture"]
+
+
+def test_a_distortion_that_one_capture_lacks_is_averaged_over_the_others() -> None:
+    found = detection("paper", "gs_hider", 0)
+    less = replace(found, capture="kitchen", rows=tuple(row for row in found.rows if row.quantity != DETECTED))
+    grids = rtws(Study((), experiments=(found, less)), read_published()).grids
+    [survival] = [grid for grid in grids if grid.caption == "Renders detected"]
+    assert {(line.cells[0].text, line.cells[0].note) for line in survival.lines[1:]} == {("50.0 %", "on 1 capture")}
+
+
 def test_one_measurement_that_two_rows_share_stands_once() -> None:
     grain = replace(detection("paper", "gs_hider", 0), stage="detection_grain[fox]")
     twice = (grain, replace(grain, values={"variant": "clean"}))
