@@ -7,7 +7,7 @@ SO(3) through the averaged orientations form the path. Its horizon is levelled, 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -15,7 +15,7 @@ from jaxtyping import Float, Float64
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline, Slerp
 
-from stages.scene.alignment import Rig, rig_of, sample
+from stages.scene.alignment import Rig, median_depth, rig_of, sample
 from stages.scene.cameras import Cameras
 from stages.scene.tours import by_way_of_others, longest_step_last, shortest_tour, step_lengths
 
@@ -33,6 +33,9 @@ STEEP, LEVEL = np.sin(np.radians(5)), np.sin(np.radians(45))
 
 Above a scene, the picture then turns half as much from frame to frame as with a horizon that is always level."""
 
+LEAST_DISTANCE = 0.5
+"""Cameras count as at least this share of the points' median depth away from what they look at. Where a room was
+photographed from one place, the optical axes meet in the photographer's hand: its shaking would order the tour."""
 
 MOST_CAMERAS = 400
 """With more cameras, an even sample forms the path: the tour takes time cubic in their number."""
@@ -67,6 +70,7 @@ def camera_path(
         raise ValueError(f"a path of {frames} frames with {bends} bends along {len(cameras)} cameras")
     cameras = cameras.select([cameras.names[row] for row in sample(len(cameras), MOST_CAMERAS)])
     rig = rig_of(cameras, points)
+    rig = replace(rig, distance=max(rig.distance, LEAST_DISTANCE * median_depth(cameras, points)))
     poses, closed = _toured(_poses_of(cameras), rig, course)
     path = _levelled(_smooth(poses, rig, min(bends, len(poses)), closed), rig.up)
     return _cameras_of(_evenly(path, rig, frames, closed), cameras)
@@ -109,11 +113,11 @@ def _evenly(poses: Poses, rig: Rig, count: int, closed: bool) -> Poses:
     """`count` poses equally spaced along a tour, by linear interpolation and slerp between its poses."""
     if closed:
         poses = poses[np.append(np.arange(len(poses)), 0)]
-    steps = step_lengths(_features(poses, rig.distance))
-    poses = poses[np.append(True, steps > 0)]
+    places = np.append(0, np.cumsum(step_lengths(_features(poses, rig.distance))))
+    apart = np.append(True, np.diff(places) > 0)  # a step may be too short to change the sum
+    poses, places = poses[apart], places[apart]
     if len(poses) < 2:
         return poses[np.zeros(count, int)]
-    places = np.append(0, np.cumsum(steps[steps > 0]))
     at = np.linspace(0, places[-1], count, endpoint=not closed)
     centres = np.stack([np.interp(at, places, axis) for axis in poses.centres.T], axis=1)
     return Poses(centres, Slerp(places, poses.rotations)(at))

@@ -126,6 +126,39 @@ def test_a_camera_that_only_turns() -> None:
     assert turns.sum() > 90
 
 
+@pytest.mark.parametrize("shaking", [0.0, 0.001, 0.02, 0.1])
+def test_a_room_seen_from_one_place_is_turned_through_once(shaking: float) -> None:
+    """However the hand that turns the camera shakes, which is where the optical axes meet."""
+    random = np.random.default_rng(0)
+    turns = Rotation.from_rotvec(np.linspace(0, 2 * np.pi, 60, endpoint=False)[:, None] * [0, 1, 0]).as_matrix()
+    poses = np.tile(np.eye(4), (60, 1, 1))
+    poses[:, :3, :3] = turns
+    poses[:, :3, 3] = random.normal(scale=shaking, size=(60, 3))
+    around = random.normal(size=(500, 3)) * [1, 0.3, 1]
+    walls = 3 * around / np.linalg.norm(around, axis=1, keepdims=True)
+    path = camera_path(replace(arc(TARGET, views=60), world_to_camera=poses), walls, 48)
+    directions = path.world_to_camera[:, 2, :3]
+    turned = np.degrees(np.arccos(np.clip((directions[1:] * directions[:-1]).sum(axis=1), -1, 1)))
+    assert turned.sum() < 400
+    assert turned.max() < 12
+
+
+@pytest.mark.parametrize("views", [20, 41, 63, 88, 120])
+def test_a_turntable_that_ends_where_it_began(views: int) -> None:
+    """The last camera is the first but for rounding: a step too short to lengthen the path."""
+    angles = np.linspace(0, 2 * np.pi, views)
+    centres = np.stack([4 * np.cos(angles), np.full(views, 1.2), 4 * np.sin(angles)], axis=1)
+    views_of = -centres / np.linalg.norm(centres, axis=1, keepdims=True)
+    right = np.cross(np.array([0.0, -1, 0]), views_of)
+    right /= np.linalg.norm(right, axis=1, keepdims=True)
+    poses = np.tile(np.eye(4), (views, 1, 1))
+    poses[:, :3, :3] = np.stack([right, np.cross(views_of, right), views_of], axis=1)
+    poses[:, :3, 3] = -np.einsum("vij,vj->vi", poses[:, :3, :3], centres)
+    path = camera_path(replace(arc(TARGET, views=views), world_to_camera=poses), NO_POINTS, 40)
+    assert np.isfinite(path.world_to_camera).all()
+    np.testing.assert_allclose(np.linalg.norm(path.centres()[:, [0, 2]], axis=1), 4.0, rtol=0.03)
+
+
 def test_straight_down_there_is_no_horizon_to_keep() -> None:
     """Cameras above a plane, like a drone's: the pictures keep the cameras' own rotation about the view."""
     poses = np.tile(np.diag([1.0, -1, -1, 1]), (16, 1, 1))
