@@ -15,7 +15,7 @@ DEBIAN_POCL := $(VENV)/debian-pocl
 # Of Debian, for the photos in them.
 PHOTO_PACKAGES := mate-backgrounds lomiri-wallpapers-16.04 opencv-doc plasma-workspace-wallpapers darknet \
 	gnome-control-center-data kphotoalbum labelme-examples libdlib19.1 scratch
-STORE ?= store
+STORE ?= $(or $(GS_HIDER_STORE),store)
 TEST_REPORT ?= build/tests.html
 TABLES ?= fidelity ablations hide_image several_messages probes
 SETTINGS ?=
@@ -37,16 +37,20 @@ test: $(INSTALLED) $(OCLGRIND) $(DEBIAN_POCL)
 	@env -u PYTHONDONTWRITEBYTECODE OMP_NUM_THREADS=1 OMP_WAIT_POLICY=PASSIVE \
 		$(BIN)/python -m pytest -n 2 --dist loadscope --no-loadscope-reorder --html=$(TEST_REPORT) --self-contained-html
 
-# A workflow that fails holds up no other; one that is stopped (status 128 and more) does. What is there is kept.
+# A workflow that fails holds up no other, nor does one that cannot run as it is (status 2); one that is stopped (128 and
+# more) does. What is there is kept.
 tables: $(INSTALLED)
 	@test -n "$(PHOTOS)" || { echo "make tables PHOTOS=FOLDER: one with the folders fox, bonsai, kitchen, images and splats"; exit 1; }
-	@failed=; for workflow in $(TABLES); do \
-		echo "$$workflow, $$(date +%T)"; \
+	@test -z "$(ROWS)" || test -d "$(ROWS)" || { echo "ROWS=$(ROWS): no such folder; give it in full, without ~"; exit 1; }
+	@failed= wrong=; for workflow in $(TABLES); do \
 		rows=; test -z "$(ROWS)" || test ! -f "$(ROWS)/$$workflow.yaml" || rows="$(ROWS)/$$workflow.yaml"; \
+		echo "$$workflow, $$(date +%T)$${rows:+, rows of $$rows}"; \
 		$(BIN)/python -m pipeline run workflows/$$workflow.yaml --vars workflows/profiles/cpu.yaml \
 			$${rows:+--vars "$$rows"} --set photos="$(PHOTOS)" --store "$(STORE)" $(SETTINGS) \
-			|| { test $$? -lt 128 || exit 1; failed="$$failed $$workflow"; }; \
-	done; test -z "$$failed" || { echo "Not whole:$$failed. The same command goes on."; exit 1; }
+			|| { status=$$?; test $$status -lt 128 || exit 1; \
+				if test $$status = 2; then wrong="$$wrong $$workflow"; else failed="$$failed $$workflow"; fi; }; \
+	done; test -z "$$wrong" || echo "Not run, for what is said above:$$wrong."; \
+	test -z "$$failed" || echo "Not whole:$$failed. The same command goes on."; test -z "$$wrong$$failed"
 
 environment: $(INSTALLED)
 

@@ -5,13 +5,14 @@
 
 Both scenes are artifacts of kind scene in a store. First, 3DGS of the message is trained and rendered from the cover's
 cameras; then each METHOD is trained, scored and its frames timed: plain, gs_hider, homogeneous, sh or decoder; by
-default the first three. Finished stages are kept in FOLDER and not repeated, so that an interrupted run continues after
-the last of them. Several runs may share FOLDER, one for each method. Not yet run on a GPU.
+default the first three. Finished stages are kept in FOLDER, which is for one set of options, and not repeated, so that
+an interrupted run continues after the last of them. Not yet run on a GPU.
 """
 
 from __future__ import annotations
 
 import argparse
+import shutil
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -24,15 +25,13 @@ from pipeline.run.freed_memory import keep_freed_memory
 from pipeline.stage import Parameters, Services, Stage, run_stage
 from stages.evaluate import EvaluateParameters, evaluate
 from stages.hide_scenes import HideScenesParameters, hide_scenes
+from stages.hiding.method_names import PLAIN
 from stages.imaging.metric_table import read_rows
 from stages.render_hidden import RenderHiddenParameters, render_hidden
 from stages.time_frames import TimeFramesParameters, time_frames
-from stages.train_scene import METHOD as PLAIN
 from stages.train_scene import TrainSceneParameters, train_scene
 
 METHODS = (PLAIN, "gs_hider", "homogeneous")
-DECODER_WIDTHS = {"homogeneous": 32}
-"""The method's default; the others have the paper's 64."""
 
 
 class Work:
@@ -48,6 +47,7 @@ class Work:
         folder = self.folder / name
         if all((folder / output).is_dir() for output in declared.outputs):
             return {output: load(folder / output) for output in declared.outputs}
+        shutil.rmtree(folder, ignore_errors=True)  # what an interrupted run left
         start = time.perf_counter()
         services = Services(log=lambda text: print(f"{name}: {text}", flush=True))
         made = run_stage(declared, parameters, inputs, folder, services=services)
@@ -71,10 +71,8 @@ def main(arguments: argparse.Namespace) -> None:
             parameters: Parameters = TrainSceneParameters(iterations=arguments.iterations, **trained)
             made = work.done(method, train_scene, parameters, {"scene": cover})
         else:
-            width = DECODER_WIDTHS.get(method, 64)
             parameters = HideScenesParameters.model_validate(
-                {"method": method, "iterations": arguments.iterations, "decoder_width": width, **trained}
-                | {"precision": arguments.precision}
+                {"method": method, "iterations": arguments.iterations, "precision": arguments.precision, **trained}
             )
             made = work.done(method, hide_scenes, parameters, {"cover": cover, "messages": (views,)})
         report(work, method, made, cover, views)
