@@ -9,7 +9,6 @@ import pytest
 import torch
 
 from pipeline.errors import UserError
-from stages.hiding.coupled import FEATURE_RANGE
 from stages.hiding.method import build_method
 from stages.hiding.photographs import photographs
 from stages.hiding.rendering import COVER
@@ -74,17 +73,35 @@ def test_coupled_features_keep_the_message(tmp_path: Path) -> None:
     colors = {name: generator.uniform(0.3, 0.7, (len(plain), 3)) for name in (COVER, "message")}
     geometry = {name: plain[name] for name in GEOMETRY}
     before = Gaussians(geometry | method.initial_attributes(colors, generator))
-    before.parameters["raw_features"][:3] = torch.tensor([[40.0], [-200.0], [3.5]])  # activated: 1, 0 and 0.97
+    before.parameters["raw_features"][:2] = torch.tensor([[40.0], [-200.0]])  # activated: 1 and 0
     cameras = read_scene(small.scene(tmp_path / "scene")).cameras
     after = grained(before, method, cameras, LEVEL, coins(before), dither())
     cover, message = (differences(before, after, tmp_path, method, name) for name in (COVER, "message"))
     assert rms(cover) == pytest.approx(LEVEL, rel=1e-4)
     assert rms(message) < 0.1 * rms(cover)
     assert after["raw_features"].isfinite().all()
-    high, low, near = after["raw_features"][:3].sigmoid()
-    assert high.max() > 0.999, "what is beyond the range of initial features is not brought back"
-    assert low.min() < 0.001
-    assert near.max() == pytest.approx(FEATURE_RANGE[1])
+    high, low = after["raw_features"][:2].sigmoid()
+    assert high.min() > 0.999, "where there is no room nothing changes"
+    assert low.max() < 0.001
+
+
+def test_a_feature_near_its_end_changes_as_much_for_either_coin(tmp_path: Path) -> None:
+    """Clamped at a bound, it would lie on it exactly, and tell its coin."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(0)
+        method = build_method("gs_hider", SETTINGS | {"messages": []})
+    plain = read_gaussians(small.splats(tmp_path / "splats"))
+    generator = np.random.default_rng(0)
+    colors = {COVER: generator.uniform(0.3, 0.7, (len(plain), 3))}
+    before = Gaussians({name: plain[name] for name in GEOMETRY} | method.initial_attributes(colors, generator))
+    raw = before.parameters["raw_features"]
+    raw[: len(raw) // 4] = torch.from_numpy(generator.uniform(2.5, 9.0, raw[: len(raw) // 4].shape)).to(raw)
+    cameras = read_scene(small.scene(tmp_path / "scene")).cameras
+    tossed = coins(before)
+    after = [grained(before, method, cameras, LEVEL, each, dither())["raw_features"] for each in (tossed, -tossed)]
+    up, down = (each.double().sigmoid() - raw.double().sigmoid() for each in after)
+    assert (up.abs() > 0).double().mean() > 0.9
+    torch.testing.assert_close(up, -down, rtol=0.1, atol=2e-5)
 
 
 def test_decoders_that_read_alike_keep_other_colours_and_the_message(tmp_path: Path) -> None:
