@@ -15,6 +15,7 @@ from jaxtyping import Float32, UInt8
 from pydantic import Field
 
 from opencl.routes import describe_drawing, working_device
+from pipeline.artifact import Artifact
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.hiding.enlarging import enlarged
 from stages.hiding.message_names import MessageName
@@ -94,13 +95,16 @@ def _placed(
 ) -> tuple[Gaussians, Similarity, float]:
     """The message in a world that is large enough, the map from there into the cover's, and the factor it grew by."""
     if parameters.placement == "same_world":
-        factor = world_scale_of(context.input("cover")) / world_scale_of(context.input("splats"))
-        return gaussians if factor == 1 else scaled(gaussians, factor), Similarity.identity(), factor
-    artifact = context.input_optional("message")
-    gaussians, message, factor = enlarged(gaussians, None if artifact is None else read_scene(artifact))
-    if factor != 1:
+        gaussians, factor = _in_world_of(context.input("cover"), gaussians, context.input("splats"))
+        return gaussians, Similarity.identity(), factor
+    artifact, message, factor = context.input_optional("message"), None, 1.0
+    if artifact is not None:
+        gaussians, factor = _in_world_of(artifact, gaussians, context.input("splats"))
+        message = read_scene(artifact)
+    gaussians, message, growth = enlarged(gaussians, message)
+    if growth != 1:
         context.log(
-            f"the message's world is small: enlarged {factor:.3g} times, so that it is not clipped by the near plane"
+            f"the message's world is small: enlarged {growth:.3g} times, so that it is not clipped by the near plane"
         )
 
     def progress(done: int, total: int) -> None:
@@ -111,7 +115,13 @@ def _placed(
         placed = place_alone(gaussians, cover, parameters.up, parameters.search_width, progress)
     else:
         placed = place(gaussians, message, cover, parameters.search_width, progress)
-    return gaussians, placed, factor
+    return gaussians, placed, factor * growth
+
+
+def _in_world_of(scene: Artifact, gaussians: Gaussians, splats: Artifact) -> tuple[Gaussians, float]:
+    """The Gaussians of `splats` in the world of a scene with the same poses, and the factor by which they grew."""
+    factor = world_scale_of(scene) / world_scale_of(splats)
+    return gaussians if factor == 1 else scaled(gaussians, factor), factor
 
 
 def visible_points(gaussians: Gaussians, seed: int) -> tuple[Float32[np.ndarray, "N 3"], UInt8[np.ndarray, "N 3"]]:

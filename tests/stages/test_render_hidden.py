@@ -173,6 +173,34 @@ def test_in_an_enlarged_world_splats_from_elsewhere_are_enlarged_with_it(tmp_pat
         torch.testing.assert_close(gaussians[name], expected[name], rtol=1e-5, atol=1e-5)
 
 
+def test_splats_from_elsewhere_are_enlarged_with_the_messages_scene(tmp_path: Path, recorded: dict[str, Json]) -> None:
+    """Whether they were trained on the enlarged scene or imported in its poses' own units, the pictures are the same.
+
+    The factor that is recorded leads from the splats' own world to the cover's.
+    """
+    directions = np.random.default_rng(0).standard_normal((1500, 3))
+    shell = 2 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    cover = scene_artifact(tmp_path / "cover", ring(3, scale=3.0, prefix="cover"), 3 * shell)
+    message = scene_artifact(tmp_path / "scene", ring(4, scale=1.0, prefix="message"), shell)
+    large = with_attributes(tmp_path / "message", message, world_scale=40.0)
+    own = with_attributes(tmp_path / "own", wall_of_splats(tmp_path / "splats", shell), world_scale=40.0)
+    other = wall_of_splats(tmp_path / "other", shell, 1 / 40)
+
+    def views_and_scale(splats: Artifact) -> tuple[MessageViews, Json]:
+        given = {"splats": splats, "message": large, "cover": cover}
+        parameters = RenderHiddenParameters(name="shell", search_width=16)
+        made = run_stage(render_hidden, parameters, given, tmp_path / f"views {splats.path.name}")["views"]
+        return read_messages([made], [f"cover{view}.png" for view in range(3)])["shell"], recorded["scale"]
+
+    (trained, scale), (imported, scale_of_imported) = views_and_scale(own), views_and_scale(other)
+    assert trained.mean_coverage.min() > 0.3
+    np.testing.assert_allclose(imported.coverage, trained.coverage, atol=0.02)
+    assert np.abs(imported.pictures.astype(int) - trained.pictures).max() <= 1
+    np.testing.assert_allclose(imported.points, trained.points, atol=1e-5)
+    assert isinstance(scale, float)
+    assert scale_of_imported == pytest.approx(40 * scale, rel=1e-3)
+
+
 @pytest.mark.parametrize("scale", [0, -1, True, "2"])
 def test_a_world_of_no_size_is_refused(tmp_path: Path, scale: Json) -> None:
     made = with_attributes(tmp_path / "made", wall_of_splats(tmp_path / "splats", np.zeros((3, 3))), world_scale=scale)
