@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from pipeline.stage import Parameters
 from stages.scene.regions import Shape
@@ -30,7 +30,7 @@ class EditedRegion(Parameters):
 
 
 class Recolour(Parameters):
-    """Change colours, equally for all viewing directions."""
+    """Change colours, equally for all viewing directions. A recolour that changes nothing is refused."""
 
     edit: Literal["recolour"] = Field(description="recolour")
     hue: float = Field(0.0, ge=-360, le=360, description="Degrees by which hues turn, as by CSS's hue-rotate.")
@@ -38,8 +38,17 @@ class Recolour(Parameters):
     tint: tuple[Share, Share, Share] = Field(
         (1.0, 1.0, 1.0), description="A colour; each Gaussian takes it times its own luminance, so dark tints darken."
     )
-    strength: Share = Field(0.0, description="The share of the tint.")
+    strength: Share = Field(0.0, description="The share of the tint; a tint needs one above 0.")
     region: EditedRegion | None = Field(None, description="Where; without it, everywhere.")
+
+    @model_validator(mode="after")
+    def _changes_something(self) -> Self:
+        """A message that equals the cover would show only after all of the training."""
+        if self.strength == 0 and self.tint != (1.0, 1.0, 1.0):
+            raise ValueError("has a tint of strength 0, which changes nothing; give a strength of up to 1")
+        if self.strength == 0 and self.saturation == 1 and self.hue % 360 == 0:
+            raise ValueError("changes nothing; give a hue, a saturation, or a tint with its strength")
+        return self
 
 
 class Remove(Parameters):

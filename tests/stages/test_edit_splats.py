@@ -167,6 +167,20 @@ def test_edits_that_are_no_edits_are_refused(tmp_path: Path, edit: dict) -> None
         edited(tmp_path, [edit])
 
 
+@pytest.mark.parametrize(
+    ("recolour", "message"),
+    [
+        ({"tint": [1, 0, 0]}, "has a tint of strength 0, which changes nothing; give a strength"),
+        ({"tint": [1, 0, 0], "hue": 90}, "has a tint of strength 0, which changes nothing; give a strength"),
+        ({}, "changes nothing; give a hue"),
+        ({"hue": -360, "saturation": 1, "region": HALF}, "changes nothing; give a hue"),
+    ],
+)
+def test_a_recolour_that_changes_nothing_is_refused(tmp_path: Path, recolour: dict, message: str) -> None:
+    with pytest.raises(ValidationError, match=message):
+        edited(tmp_path, [{"edit": "recolour", **recolour}])
+
+
 def test_splats_of_other_methods_are_refused(tmp_path: Path) -> None:
     method = build_method("gs_hider", {"feature_dim": 4, "layers": 2, "decoder_width": 4, "precision": "float32"})
     with create(tmp_path / "other", "splats") as writer:
