@@ -140,10 +140,11 @@ def visible_points(gaussians: Gaussians, seed: int) -> tuple[Float32[np.ndarray,
 def photograph_message(
     gaussians: Gaussians, method: Method, cameras: Cameras, after_each: Callable[[], None] = lambda: None
 ) -> tuple[UInt8[np.ndarray, "V H W 3"], Float32[np.ndarray, "V H W"]]:
-    """The message's pictures over black, and its coverage, from every camera, of which there must be at least one."""
-    shots = []
-    for view in photographs(gaussians, method, cameras):
-        shots.append((tensor_to_picture(view.pictures[COVER].clamp(0, 1)), view.alphas.cpu().numpy()))
+    """The message's pictures over black, and its coverage, from each of V cameras; V = 0 is allowed."""
+    size = (len(cameras), cameras.height, cameras.width)
+    pictures, coverage = np.empty((*size, 3), np.uint8), np.empty(size, np.float32)
+    for row, view in enumerate(photographs(gaussians, method, cameras)):
+        pictures[row] = tensor_to_picture(view.pictures[COVER].clamp(0, 1))
+        coverage[row] = view.alphas.cpu().numpy()
         after_each()
-    pictures, coverage = zip(*shots, strict=True)
-    return np.stack(pictures), np.stack(coverage).astype(np.float32)
+    return pictures, coverage

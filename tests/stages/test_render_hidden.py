@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -147,6 +149,21 @@ def test_in_the_same_world_nothing_is_moved(tmp_path: Path) -> None:
     np.testing.assert_array_equal(views.coverage, coverage)
     assert views.pictures.any()
     np.testing.assert_array_equal(np.sort(views.points, axis=0), np.sort(points.astype(np.float32), axis=0))
+
+
+def test_photographing_holds_hardly_more_than_the_pictures(tmp_path: Path) -> None:
+    """The pictures and the coverage of hundreds of large views are gigabytes; a second copy may not fit."""
+    splats = wall_of_splats(tmp_path / "splats", np.random.default_rng(0).uniform(-1, 1, (50, 3)))
+    gaussians, method = read_gaussians(splats), read_method(splats)
+    cameras = replace(ring(20, scale=1.0, prefix="cover"), width=192, height=144)
+    photograph_message(gaussians, method, cameras)  # what the first rendering loads is not counted
+    tracemalloc.start()
+    try:
+        pictures, coverage = photograph_message(gaussians, method, cameras)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 1.3 * (pictures.nbytes + coverage.nbytes)
 
 
 def test_in_an_enlarged_world_splats_from_elsewhere_are_enlarged_with_it(tmp_path: Path) -> None:
