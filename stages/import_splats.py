@@ -15,8 +15,8 @@ class ImportSplatsParameters(Parameters):
     """Where the splats are."""
 
     file: ExternalPath = Field(
-        description="Trained Gaussians: a PLY of 3DGS, a compressed PLY of PlayCanvas, or a .splat file; detected by "
-        "content."
+        description="Trained Gaussians: a PLY of 3DGS or Mip-Splatting, a compressed PLY of PlayCanvas, or a .splat "
+        "file; detected by content."
     )
 
 

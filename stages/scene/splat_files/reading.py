@@ -17,9 +17,9 @@ from stages.scene.splat_files.values import SplatValues, gaussians_of
 def read_splats(path: Path) -> tuple[Gaussians, int]:
     """The Gaussians of a file, as the method `plain` stores them, and the degree of their spherical harmonics.
 
-    Formats: 3DGS's PLY (ASCII, or binary of either byte order), PlayCanvas's compressed PLY, and `.splat`. Positions
-    are in the file's world. Raises `UserError` for other, broken or implausible files. Takes time and memory
-    proportional to the file.
+    Formats: 3DGS's and Mip-Splatting's PLY (ASCII, or binary of either byte order), PlayCanvas's compressed PLY, and
+    `.splat`. Positions are in the file's world. Raises `UserError` for other, broken or implausible files. Takes time
+    and memory proportional to the file.
     """
     if not path.is_file():
         raise UserError(

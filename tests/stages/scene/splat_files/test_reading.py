@@ -79,6 +79,33 @@ def test_other_properties_types_and_elements_do_not_matter(tmp_path: Path) -> No
         torch.testing.assert_close(other[name], tensor, rtol=0, atol=0)
 
 
+@pytest.mark.parametrize("width", [0.0, 0.3, 50.0])
+def test_the_filter_of_mip_splatting_is_part_of_sizes_and_opacities(tmp_path: Path, width: float) -> None:
+    """Without it, Gaussians would be too thin and too opaque; a filter of no width changes nothing."""
+    table = columns(7, 0)
+    read, _ = read_splats(write_ply(tmp_path / "a.ply", {**table, "filter_3D": np.full(7, width, np.float32)}))
+    variances = np.exp(np.stack([table[f"scale_{axis}"] for axis in range(3)], axis=1).astype(np.float64)) ** 2
+    larger = variances + np.float32(width).astype(np.float64) ** 2
+    opacities = 1 / (1 + np.exp(-table["opacity"].astype(np.float64))) * np.sqrt((variances / larger).prod(axis=1))
+    np.testing.assert_allclose(read.scales.numpy(), np.sqrt(larger), rtol=1e-5)
+    np.testing.assert_allclose(read.opacities.numpy(), opacities, rtol=1e-5)
+    plain, _ = read_splats(write_ply(tmp_path / "b.ply", table))
+    for name in read.parameters.keys() - {"log_scales", "logit_opacities"}:
+        torch.testing.assert_close(read[name], plain[name], rtol=0, atol=0)
+
+
+def test_filters_and_opacities_that_are_not_finite(tmp_path: Path) -> None:
+    """Opacity 1 may be stored as an infinite logit; without a filter it stays the largest that is kept."""
+    table = columns(5, 0) | {"filter_3D": np.zeros(5, np.float32)}
+    table["opacity"][:2] = np.inf, -np.inf
+    read, _ = read_splats(write_ply(tmp_path / "a.ply", table))
+    np.testing.assert_array_equal(read["logit_opacities"][:2], [30, -30])
+    table["filter_3D"][3] = np.nan
+    said = refusal(tmp_path / "b.ply", write_ply(tmp_path / "whole.ply", table).read_bytes())
+    assert "log_scales of NaN or infinity" in said
+    assert "1 of 5, the first in row 3" in said
+
+
 def test_splat(tmp_path: Path) -> None:
     (tmp_path / "a.splat").write_bytes(records().tobytes())
     gaussians, degree = read_splats(tmp_path / "a.splat")
