@@ -1,4 +1,4 @@
-"""`import_found`: a container that was found somewhere, in whatever file format it was saved since."""
+"""`import_found`: a container that was found somewhere, as a PLY that any program may have saved."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ class ImportFoundParameters(Parameters):
     """Where the file is, and the published container's method."""
 
     place: ExternalPath = Field(
-        description="The PLY that was found, or the folder that holds it; other files there are ignored."
+        description="The PLY that was found, or the folder that holds it; other files there are ignored. A compressed "
+        "PLY or a .splat will not do: these keep no features."
     )
     method: MethodName = Field("gs_hider", description="The published container's method.")
 

@@ -1,4 +1,4 @@
-"""Found containers: read like the published one, whatever has been done to the file since.
+"""Found containers: a PLY that is read like the published one, whatever has been done to it since.
 
 Programs that save splats keep neither comments nor the order and type of columns, and thieves keep what they like. So
 only the names of columns must match. Whose Gaussians they are is left to registration.
@@ -23,10 +23,11 @@ from stages.hiding.coupled import FEATURES
 from stages.hiding.method import LARGEST_SETTING
 from stages.hiding.renamed_features import renamed_features, unknown_columns
 from stages.scene.garbage import LARGEST, SMALLEST_QUATERNION
-from stages.scene.ply.reading import ROWS_AT_ONCE, Ply, read_ply, types_of
+from stages.scene.ply.reading import ROWS_AT_ONCE, Ply, begins_as_ply, read_ply, types_of
+from stages.scene.splat_files.compressed_ply import is_compressed
 from stages.scene.splat_files.values import LARGEST_LOGIT
 
-PLY_SUFFIX = ".ply"
+PLY_SUFFIX, RECORDS_SUFFIX = ".ply", ".splat"
 OPACITY = "opacity"
 LISTED = 5
 NUMBER = "[0-9]{1,6}"
@@ -53,10 +54,10 @@ def read_found(place: Path, published: Shapes) -> Found:
     there are none, as many columns under another common name are read instead; whether these are features is left to
     the caller. Gaussians that no scene has (NaN, infinity, absurd values) are left out: a single one, which no viewer
     shows, would otherwise keep the owner from recovering the container. Raises `UserError` if there is no PLY or more
-    than one, for a broken file, for missing columns, and if no Gaussian is left. Time and memory are proportional to
-    the file size.
+    than one, for a broken file, for the formats that keep no features (PlayCanvas's compressed PLY, `.splat`), for
+    missing columns, and if no Gaussian is left. Time and memory are proportional to the file size.
     """
-    ply = read_ply(_ply_at(place))
+    ply = _read(_ply_at(place))
     rows = ply.rows(VERTEX)
     channels = _channels(rows.dtype.names or ())
     unknown = unknown_columns(types_of(rows.dtype), _columns(published))
@@ -79,6 +80,27 @@ def read_found(place: Path, published: Shapes) -> Found:
         )
     kept = attributes if sound.all() else {name: values[sound] for name, values in attributes.items()}
     return Found(kept, len(rows) - int(sound.sum()), tuple(renamed))
+
+
+def _read(path: Path) -> Ply:
+    """The PLY, unless the file is in a format of splats that only viewers need."""
+    if path.suffix.lower() == RECORDS_SUFFIX and path.is_file() and not begins_as_ply(path):
+        raise _without_features(path, f"a {RECORDS_SUFFIX}")
+    ply = read_ply(path)
+    if is_compressed(ply.elements):
+        raise _without_features(path, "a compressed PLY")
+    return ply
+
+
+def _without_features(path: Path, found: str) -> UserError:
+    return UserError(
+        "a file in a format without features",
+        where=path,
+        found=found,
+        expected="a PLY with the columns of the published container",
+        remedy="This format keeps only what viewers of 3DGS show: features, and the message in them, are gone from the "
+        "file. Look for an uncompressed PLY of the same splats.",
+    )
 
 
 def _ply_at(place: Path) -> Path:

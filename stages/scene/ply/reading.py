@@ -98,6 +98,15 @@ class Ply:
             )
 
 
+def begins_as_ply(path: Path) -> bool:
+    """Whether a file's first bytes are those of a PLY, whatever its name. Raises `UserError` if it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return file.read(3) == b"ply"
+    except OSError as error:
+        raise UserError("cannot be read", where=path, found=error.strerror or error) from error
+
+
 def read_ply(path: Path) -> Ply:
     """Read a PLY file of any of the three formats, in time and memory proportional to its size.
 

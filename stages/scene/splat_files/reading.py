@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pipeline.errors import UserError
 from stages.scene.gaussians import Gaussians
-from stages.scene.ply.reading import read_ply
+from stages.scene.ply.reading import begins_as_ply, read_ply
 from stages.scene.splat_files.compressed_ply import is_compressed, values_of_compressed_ply
 from stages.scene.splat_files.gaussian_ply import values_of_gaussian_ply
 from stages.scene.splat_files.records import values_of_records
@@ -36,9 +36,7 @@ def read_splats(path: Path) -> tuple[Gaussians, int]:
 
 
 def _values(path: Path) -> SplatValues:
-    with path.open("rb") as file:
-        begins_as_ply = file.read(3) == b"ply"
-    if not begins_as_ply:
+    if not begins_as_ply(path):
         return values_of_records(path)
     ply = read_ply(path)
     if is_compressed(ply.elements):

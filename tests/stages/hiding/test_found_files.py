@@ -12,7 +12,7 @@ import pytest
 from pipeline.errors import UserError
 from stages.hiding.columns import columns_of
 from stages.hiding.found_files import read_found
-from tests.stages.scene.splat_files.files import write_ply
+from tests.stages.scene.splat_files.files import compressed_ply, records, write_ply
 
 COUNT, CHANNELS = 9, 4
 SHAPES = {"means": (3,), "quats": (4,), "log_scales": (3,), "logit_opacities": (), "raw_features": (CHANNELS,)}
@@ -129,6 +129,26 @@ def test_splats_without_the_features_of_a_container_are_told(tmp_path: Path) -> 
     said = refused(write_ply(tmp_path / "plain.ply", columns))
     assert "not a container like the published one; found no columns feature_0 among x, y, z" in said
     assert "hide no message" in said
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "what"),
+    [
+        ("found.SPLAT", records().tobytes(), "a .splat"),
+        ("found.compressed.ply", compressed_ply([[0, 0, 0, 0]], [[0.0] * 18]), "a compressed PLY"),
+    ],
+    ids=["splat", "compressed"],
+)
+def test_formats_that_keep_no_features_are_told(tmp_path: Path, name: str, content: bytes, what: str) -> None:
+    (tmp_path / name).write_bytes(content)
+    said = refused(tmp_path / name)
+    assert f"a file in a format without features; found {what}; expected a PLY" in said
+    assert "the message in them, are gone" in said
+    assert "Look for an uncompressed PLY" in said
+
+
+def test_a_ply_is_read_whatever_its_name(tmp_path: Path) -> None:
+    assert len(read_found(write_ply(tmp_path / "found.splat", table()), SHAPES).attributes["means"]) == COUNT
 
 
 def test_what_is_no_number_is_told(tmp_path: Path) -> None:
