@@ -42,7 +42,7 @@ def read_text(path: Path, file: BinaryIO, header: Header) -> Elements:
     if 2 * sum(counts) > len(body) + 1:  # a digit and a blank each
         _check_size(path, header, f"{len(body)} bytes", f"{sum(counts)} numbers", -1)
     try:
-        numbers = np.fromstring(body, np.float64, count=-1 if whole else sum(counts), sep=" ")
+        numbers = _numbers(body, -1 if whole else sum(counts))
     except ValueError as error:
         raise UserError("an ASCII PLY contains a value that is not a number", where=path, remedy=REMEDY) from error
     _check_size(path, header, f"{len(numbers)} numbers", f"{sum(counts)} numbers", len(numbers) - sum(counts))
@@ -53,6 +53,12 @@ def read_text(path: Path, file: BinaryIO, header: Header) -> Elements:
         elements[element.name] = _rows_of_text(path, element, table)
         start += count
     return elements
+
+
+def _numbers(body: bytes, count: int) -> Float64[np.ndarray, " n"]:
+    """The first `count` numbers of a text, or all for -1. None in a blank text, where `np.fromstring` makes some up."""
+    blank = not body or body.isspace()
+    return np.empty(0) if blank else np.fromstring(body, np.float64, count=count, sep=" ")
 
 
 def _check_size(path: Path, header: Header, found: str, expected: str, surplus: int) -> None:

@@ -113,6 +113,19 @@ def test_text_may_end_with_its_last_digit(tmp_path: Path) -> None:
     assert read_ply(tmp_path / "text.ply").floats("vertex", ["x", "y"]).tolist() == [[0, 1], [2, 3]]
 
 
+@pytest.mark.parametrize("body", [b"", b"\n", b" \r\n\n"])
+def test_text_without_rows_may_be_blank(tmp_path: Path, body: bytes) -> None:
+    (tmp_path / "text.ply").write_bytes(TEXT.replace(b"vertex 2", b"vertex 0") + body)
+    assert read_ply(tmp_path / "text.ply").floats("vertex", ["x", "y"]).shape == (0, 2)
+
+
+@pytest.mark.parametrize("lists", [b"", LISTS])
+def test_there_are_no_numbers_in_blank_text(tmp_path: Path, lists: bytes) -> None:
+    header = TEXT.replace(b"end_header", lists + b"end_header")
+    said = broken(tmp_path, header + b" " * 20)
+    assert "a PLY that is cut off; found 0 numbers after the header; expected 4 numbers" in said
+
+
 def test_integers_of_text_are_read_up_to_the_ends_of_their_type(tmp_path: Path) -> None:
     header = TEXT.replace(b"float x", b"uchar x").replace(b"float y", b"char y")
     (tmp_path / "text.ply").write_bytes(header + b"0 -128\n255 127\n")
