@@ -35,14 +35,14 @@ def read_text(path: Path, file: BinaryIO, header: Header) -> Elements:
 
     Raises `UserError` as `read_binary` does, and for anything that is not a number or does not fit its type.
     """
-    tables, whole = header.tables, len(header.tables) == len(header.elements)
+    tables = header.tables
     counts = [element.count * len(element.properties) for element in tables]
     file.seek(header.length)
     body = file.read()
     if 2 * sum(counts) > len(body) + 1:  # a digit and a blank each
         _check_size(path, header, f"{len(body)} bytes", f"{sum(counts)} numbers", -1)
     try:
-        numbers = _numbers(body, -1 if whole else sum(counts))
+        numbers = _numbers(body)
     except ValueError as error:
         raise UserError("an ASCII PLY contains a value that is not a number", where=path, remedy=REMEDY) from error
     _check_size(path, header, f"{len(numbers)} numbers", f"{sum(counts)} numbers", len(numbers) - sum(counts))
@@ -55,10 +55,13 @@ def read_text(path: Path, file: BinaryIO, header: Header) -> Elements:
     return elements
 
 
-def _numbers(body: bytes, count: int) -> Float64[np.ndarray, " n"]:
-    """The first `count` numbers of a text, or all for -1. None in a blank text, where `np.fromstring` makes some up."""
+def _numbers(body: bytes) -> Float64[np.ndarray, " n"]:
+    """All numbers of a text, those of lists included. None in a blank text, where `np.fromstring` makes one up.
+
+    Nor is it asked for a number of them: in place of those that are missing it returns uninitialised memory.
+    """
     blank = not body or body.isspace()
-    return np.empty(0) if blank else np.fromstring(body, np.float64, count=count, sep=" ")
+    return np.empty(0) if blank else np.fromstring(body, np.float64, sep=" ")
 
 
 def _check_size(path: Path, header: Header, found: str, expected: str, surplus: int) -> None:

@@ -120,10 +120,10 @@ def test_text_without_rows_may_be_blank(tmp_path: Path, body: bytes) -> None:
 
 
 @pytest.mark.parametrize("lists", [b"", LISTS])
-def test_there_are_no_numbers_in_blank_text(tmp_path: Path, lists: bytes) -> None:
-    header = TEXT.replace(b"end_header", lists + b"end_header")
-    said = broken(tmp_path, header + b" " * 20)
-    assert "a PLY that is cut off; found 0 numbers after the header; expected 4 numbers" in said
+@pytest.mark.parametrize(("body", "count"), [(b" " * 20, 0), (b"0.12345\n6.54321\n", 2)])
+def test_text_that_lacks_numbers_is_cut_off(tmp_path: Path, lists: bytes, body: bytes, count: int) -> None:
+    said = broken(tmp_path, TEXT.replace(b"end_header", lists + b"end_header") + body)
+    assert f"a PLY that is cut off; found {count} numbers after the header; expected 4 numbers" in said
 
 
 def test_integers_of_text_are_read_up_to_the_ends_of_their_type(tmp_path: Path) -> None:
