@@ -76,10 +76,6 @@ class Cells:
         """A random colour of the palette [K, 3] for each cell."""
         return palette[generator.integers(len(palette), size=self.count)][self.index].astype(np.float32)
 
-    def body(self, joint: float, edge: float) -> Field:
-        """1 inside the cells, 0 in joints of half width `joint`, smooth over a width of `edge`; both in pages."""
-        return step(self.inset, joint, joint + edge)
-
 
 def courses(
     size: int, rows: int, columns: int, generator: np.random.Generator, variation: float = 0.2, heights: float = 0.0
