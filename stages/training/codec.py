@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,6 +49,8 @@ class CodecTraining(NetworkTraining):
     Photos and watermarks are on the CPU, the codec on any device.
     """
 
+    needs_less_memory = "choose a smaller batch or window"
+
     def __init__(
         self, codec: WatermarkCodec, photos: Sequence[Picture], watermarks: Sequence[Picture], settings: CodecSettings
     ):
@@ -56,12 +58,12 @@ class CodecTraining(NetworkTraining):
         super().__init__(codec, weights, settings.iterations, RATE, FINAL_RATE)
         self.codec, self.photos, self.watermarks, self.settings = codec, photos, watermarks, settings
 
-    def errors(self, iteration: int) -> dict[str, Float[Tensor, ""]]:
+    def errors(self, iteration: int) -> Iterator[dict[str, Float[Tensor, ""]]]:
         """Hide a batch, round it to bytes, add noise, and reveal the watermarks."""
         images, watermarks, noise = self._batch(iteration)
         marked = self.codec.watermark_encoder(images, watermarks)
         found = self.codec.watermark_decoder(rounded(marked) + noise)
-        return {MARKED: (marked - images).square().mean(), FOUND: (found - watermarks).square().mean()}
+        yield {MARKED: (marked - images).square().mean(), FOUND: (found - watermarks).square().mean()}
 
     def _batch(self, iteration: int) -> tuple[Pictures, Pictures, Pictures]:
         settings, generator = self.settings, np.random.default_rng((self.settings.seed, iteration))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,17 +65,17 @@ class DecoderTuning(NetworkTraining):
         self.codec, self.watermark, self.pictures, self.others = codec, watermark, pictures, others
         self.settings = settings
 
-    def errors(self, iteration: int) -> dict[str, Float[Tensor, ""]]:
-        """The two terms of ℓ_cop (Eq. 8) as means over pixels, and the same for other kinds that should show black."""
+    def errors(self, iteration: int) -> Iterator[dict[str, Float[Tensor, ""]]]:
+        """The two terms of ℓ_cop (Eq. 8) as means over pixels, and the same for other kinds that should show black.
+
+        Each picture is a group.
+        """
         generator = np.random.default_rng((self.settings.seed, iteration))
-        errors = {
-            kind: torch.stack([self._error(picture, kind == RENDERS) for picture in pictures]).mean()
-            for kind, pictures in self._batch(iteration, generator).items()
-        }
-        if self.others:
-            others = [self._error(self._hardest_other(generator), shows=False) for _ in range(self.settings.batch)]
-            errors[OTHERS] = torch.stack(others).mean()
-        return errors
+        for kind, pictures in self._batch(iteration, generator).items():
+            for picture in pictures:
+                yield {kind: self._error(picture, kind == RENDERS) / len(pictures)}
+        for _ in range(self.settings.batch if self.others else 0):
+            yield {OTHERS: self._error(self._hardest_other(generator), shows=False) / self.settings.batch}
 
     def _batch(self, iteration: int, generator: np.random.Generator) -> dict[str, list[Picture]]:
         counts = [self.settings.batch if kind == RENDERS else 1 for kind in self.pictures]

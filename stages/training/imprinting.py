@@ -9,7 +9,7 @@ bound on changes of renders decreases, while features and decoder adapt.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -146,21 +146,24 @@ class Imprinting(NetworkTraining):
             for name, attribute in self.imprint.attributes.items():
                 attribute.copy_(self.clean[name].lerp(attribute, last / before))
 
-    def errors(self, iteration: int) -> dict[str, Float[Tensor, ""]]:
+    def errors(self, iteration: int) -> Iterator[dict[str, Float[Tensor, ""]]]:
         """Mean squared errors of pictures against their earlier states, and of decoder outputs against their targets.
 
-        The latter are Eq. 8 with more kinds of pictures.
+        The latter are Eq. 8 with more kinds of pictures. Each view is a group, and so is each picture that must show
+        black.
         """
         generator = np.random.default_rng((self.settings.seed, iteration))
-        before = self.pictures.before
-        row, photo, clean = (int(drawn) for drawn in generator.integers(len(before.cameras), size=3))
-        pictures, errors = self._changed(before, row)
+        row, photo, clean = (int(drawn) for drawn in generator.integers(len(self.pictures.before.cameras), size=3))
+        yield self._of_render(row, generator)
         if self.pictures.image is not None:
-            errors |= self._changed(self.pictures.image, 0)[1]
-        errors[RENDERS] = self._shown(pictures[COVER], generator, self.pictures.watermark)
+            yield self._changed(self.pictures.image, 0)[1]
         for kind, picture in self._without(photo, clean, generator).items():
-            errors[kind] = self._shown(picture_to_tensor(picture, self.device), generator)
-        return errors
+            yield {kind: self._shown(picture_to_tensor(picture, self.device), generator)}
+
+    def _of_render(self, row: int, generator: np.random.Generator) -> dict[str, Float[Tensor, ""]]:
+        """The errors of one view's pictures, and of the watermark that its cover shows."""
+        pictures, errors = self._changed(self.pictures.before, row)
+        return {**errors, RENDERS: self._shown(pictures[COVER], generator, self.pictures.watermark)}
 
     def _changed(self, before: TrainingViews, row: int) -> tuple[Mapping[str, Tensor], dict[str, Float[Tensor, ""]]]:
         """The current pictures of one view, and their mean squared differences from their earlier states."""

@@ -7,8 +7,9 @@ seed and the number of the step, so that the state holds no generator.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping
+from functools import partial
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -23,6 +24,7 @@ from stages.imaging.metric_table import MetricRow
 from stages.training.adam import Adam
 from stages.training.backward import in_one_thread
 from stages.training.divergence import refuse_divergence
+from stages.training.gpu_memory import too_large
 from stages.training.libraries import LIBRARIES
 from stages.training.moments import moments_of, set_moments
 from stages.training.schedules import decayed
@@ -38,6 +40,9 @@ class NetworkTraining(ABC):
     Adam's learning rate decays exponentially from `rate` to `final_rate` over `iterations` steps; a parameter group's
     `share`, if any, multiplies it.
     """
+
+    needs_less_memory: ClassVar[str] = "train on smaller pictures"
+    """What to do if the GPU has too little memory, the end of a sentence."""
 
     def __init__(
         self, network: torch.nn.Module, weights: Mapping[str, float], iterations: int, rate: float, final_rate: float
@@ -57,12 +62,19 @@ class NetworkTraining(ABC):
         return [{"params": list(self.network.parameters())}]
 
     def weighed(self, name: str, error: Float[Tensor, ""], progress: float) -> Float[Tensor, ""]:
-        """The contribution of an error to the loss at `progress` in (0, 1] of the training."""
+        """The contribution of an error to the loss at `progress` in (0, 1] of the training.
+
+        It must be linear in an error that `errors` gives in terms.
+        """
         return self.weights[name] * error
 
     @abstractmethod
-    def errors(self, iteration: int) -> Mapping[str, Float[Tensor, ""]]:
-        """The squared errors of one step, by the names of `weights`; `iteration` counts from 1."""
+    def errors(self, iteration: int) -> Iterator[Mapping[str, Float[Tensor, ""]]]:
+        """Yield the squared errors of one step, by the names of `weights`; `iteration` counts from 1.
+
+        They come in groups that share no graph: a step lets go of the memory of one before it asks for the next. An
+        error that comes in several groups is the sum of its terms.
+        """
 
     def step(self) -> None:
         """Take one step. Raises `UserError` if an error is NaN or infinite."""
@@ -71,15 +83,22 @@ class NetworkTraining(ABC):
         rate = decayed(self.rate, self.final_rate, progress)
         for group in self.adam.param_groups:
             group["lr"] = rate * group.get("share", 1.0)
-        errors = self.errors(iteration)
-        with in_one_thread():
-            torch.stack([self.weighed(name, errors[name], progress) for name in self.weights]).sum().backward()
+        errors: dict[str, Tensor] = {}
+        for terms in map(partial(self._propagated, progress), self.errors(iteration)):  # a loop would keep a graph
+            for name, term in terms.items():
+                errors[name] = errors[name] + term if name in errors else term
         for group in self.adam.param_groups:
             torch.nn.utils.clip_grad_norm_(group["params"], LARGEST_GRADIENT)
         self.adam.step()
         self.adam.zero_grad(set_to_none=True)
-        self.history.append([float(errors[name].detach()) for name in self.weights])
+        self.history.append([float(errors[name]) for name in self.weights])
         refuse_divergence(sum(self.history[-1]), iteration)
+
+    def _propagated(self, progress: float, errors: Mapping[str, Float[Tensor, ""]]) -> dict[str, Float[Tensor, ""]]:
+        """Add the gradient of these errors to the parameters'; returns the errors without their graph."""
+        with in_one_thread():
+            torch.stack([self.weighed(name, error, progress) for name, error in errors.items()]).sum().backward()
+        return {name: error.detach() for name, error in errors.items()}
 
     def decibels(self, first: int, last: int) -> dict[str, float]:
         """The PSNR in dB over steps `first` + 1 to `last`, at least one step, by the names of the errors."""
@@ -117,8 +136,16 @@ class NetworkTraining(ABC):
 def train_network(context: Context, training: NetworkTraining) -> list[MetricRow]:
     """Take all remaining steps, from the newest checkpoint if there is one; returns the curves of all steps.
 
-    Raises `Interrupted` when the engine asks to stop, after saving a checkpoint.
+    Raises `Interrupted` when the engine asks to stop, after saving a checkpoint, and `UserError` if the GPU has too
+    little memory.
     """
+    try:
+        return _train(context, training)
+    except torch.OutOfMemoryError as error:
+        raise too_large(error, f"step {training.iteration + 1}", remedy=training.needs_less_memory) from error
+
+
+def _train(context: Context, training: NetworkTraining) -> list[MetricRow]:
     checkpoints = Checkpoints(context, LIBRARIES, {"device": describe_drawing(working_device())})
     found = checkpoints.newest()
     if found is not None:

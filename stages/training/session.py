@@ -14,6 +14,7 @@ from pipeline.stage import Context
 from stages.hiding.rendering import COVER
 from stages.imaging.metric_table import MetricRow
 from stages.timing.stopwatch import Stopwatch, part, watching
+from stages.training.gpu_memory import too_large
 from stages.training.libraries import LIBRARIES
 from stages.training.loop import Training
 from stages.training.state import set_state, state_of
@@ -36,20 +37,18 @@ def train(context: Context, training: Training, checkpoints: Checkpoints | None 
             session.go_on()
             curves = training.run(session.look)
         except torch.OutOfMemoryError as error:
-            raise _too_large(training, error) from error
+            raise _too_large(error, training) from error
         context.log(stopwatch.table(iterations))
     return curves
 
 
-def _too_large(training: Training, error: torch.OutOfMemoryError) -> UserError:
+def _too_large(error: torch.OutOfMemoryError, training: Training) -> UserError:
     cameras = training.views.cameras
-    return UserError(
-        "the GPU has too little memory for this training",
-        where=f"iteration {training.iteration + 1}",
-        found=f"{len(training.gaussians)} Gaussians, pictures of {cameras[0].width} x {cameras[0].height}; "
-        f"{str(error).splitlines()[0]}",
-        remedy="If other stages or programs use the GPU: --workers 1, or stop them; the training then goes on from its "
-        "last checkpoint. Otherwise bound the Gaussians (maximum_gaussians), or train on smaller pictures.",
+    return too_large(
+        error,
+        f"iteration {training.iteration + 1}",
+        remedy="bound the Gaussians (maximum_gaussians), or train on smaller pictures",
+        of_what=f"{len(training.gaussians)} Gaussians, pictures of {cameras[0].width} x {cameras[0].height}",
     )
 
 

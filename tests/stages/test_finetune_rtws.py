@@ -25,7 +25,7 @@ from stages.training.feature_tuning import half_watermarked
 from stages.training.views import training_views
 from stages.tune_watermark_decoder import TuneWatermarkDecoderParameters, tune_watermark_decoder
 from tests.stages import small, watermarks
-from tests.stages.watermarks import Inputs, finetuned, inputs_of_rtws
+from tests.stages.watermarks import Inputs, errors_of, finetuned, inputs_of_rtws
 
 
 @pytest.fixture
@@ -142,7 +142,7 @@ def test_a_batch_goes_through_pictures_as_single_steps_do() -> None:
         settings = TuningSettings(4 // batch, seed=3, batch=batch)
         tuning = DecoderTuning(watermarks.little_codec(), watermark, {RENDERS: shown}, settings)
         steps = range(1, settings.iterations + 1)
-        found[batch] = [tuning.errors(step)[RENDERS].item() for step in steps]
+        found[batch] = [errors_of(tuning, step)[RENDERS] for step in steps]
     assert len(set(found[1])) == 4
     assert found[2] == pytest.approx([np.mean(found[1][:2]), np.mean(found[1][2:])])
 
@@ -154,7 +154,7 @@ def test_renders_show_the_watermark_and_all_else_is_black() -> None:
     codec.expect(picture_to_tensor(watermark).permute(2, 0, 1))
     pictures = {kind: np.zeros((1, 8, 10, 3), np.uint8) for kind in (RENDERS, PHOTOS, CLEAN)}
     tuning = DecoderTuning(codec, watermark, pictures, TuningSettings(1, seed=0), [[watermark]])
-    errors = {kind: error.item() for kind, error in tuning.errors(1).items()}
+    errors = errors_of(tuning, 1)
     assert errors == pytest.approx({RENDERS: 0, PHOTOS: 1, CLEAN: 1, OTHERS: 1}, abs=1e-5)
 
 
@@ -177,7 +177,7 @@ def test_the_windows_that_a_decoder_sees_most_in_are_learnt() -> None:
         watermark = np.zeros((8, 10, 3), np.uint8)
         shown = {RENDERS: np.zeros((1, 8, 10, 3), np.uint8)}
         tuning = DecoderTuning(watermarks.little_codec(), watermark, shown, settings, scenes_of_photos)
-        found[hardest_of] = [tuning.errors(step)[OTHERS].item() for step in range(1, 21)]
+        found[hardest_of] = [errors_of(tuning, step)[OTHERS] for step in range(1, 21)]
     assert np.mean(found[12]) > 2 * np.mean(found[1])
 
 

@@ -19,7 +19,7 @@ from stages.train_codec import TrainCodecParameters, train_codec
 from stages.training.codec import FOUND as WATERMARK
 from stages.training.codec import MARKED as WATERMARKED
 from stages.training.codec import CodecSettings, CodecTraining, rounded
-from tests.stages.watermarks import capture, emblem
+from tests.stages.watermarks import capture, emblem, errors_of
 
 SETTINGS = {"iterations": 50, "blocks": 1, "width": 8, "window": 16, "batch": 2, "shipped_photos": ()}
 
@@ -69,16 +69,16 @@ def training_of_a_new_codec(**settings: float) -> CodecTraining:
 
 def test_the_watermarked_picture_counts_by_its_weight_and_the_watermark_by_one() -> None:
     training = training_of_a_new_codec(fidelity_weight=5.0)
-    weighed = {name: training.weighed(name, torch.tensor(2.0), 1).item() for name in training.errors(1)}
+    weighed = {name: training.weighed(name, torch.tensor(2.0), 1).item() for name in errors_of(training, 1)}
     assert weighed == {WATERMARKED: 10, WATERMARK: 2}
 
 
 @pytest.mark.parametrize(("share", "light"), [(0.0, 1.0), (1.0, 0.2)])
 def test_errors_are_those_beside_the_photo_and_beside_the_watermark(share: float, light: float) -> None:
     """The watermark is either the given one or a window of a photo."""
-    errors = training_of_a_new_codec(given_share=share).errors(1)
-    assert errors[WATERMARKED].item() == pytest.approx(0, abs=1e-9)
-    assert errors[WATERMARK].item() == pytest.approx(light**2)
+    errors = errors_of(training_of_a_new_codec(given_share=share), 1)
+    assert errors[WATERMARKED] == pytest.approx(0, abs=1e-9)
+    assert errors[WATERMARK] == pytest.approx(light**2)
 
 
 @pytest.mark.parametrize(("largest_noise", "least", "most"), [(0.0, 0.0, 0.0), (0.1, 1e-4, 1e-2)])
@@ -89,9 +89,9 @@ def test_watermarks_are_found_in_bytes_and_noise(
     training = training_of_a_new_codec(given_share=0, largest_noise=largest_noise)
     monkeypatch.setattr(training.codec, "watermark_encoder", lambda images, watermarks: images - 0.001)
     monkeypatch.setattr(training.codec, "watermark_decoder", lambda images: images)
-    errors = training.errors(1)
-    assert errors[WATERMARKED].item() == pytest.approx(1e-6, rel=1e-3)
-    assert least <= errors[WATERMARK].item() <= most
+    errors = errors_of(training, 1)
+    assert errors[WATERMARKED] == pytest.approx(1e-6, rel=1e-3)
+    assert least <= errors[WATERMARK] <= most
 
 
 def test_rounding_clamps_and_lets_gradients_pass() -> None:

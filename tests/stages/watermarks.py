@@ -22,6 +22,7 @@ from stages.scene.cameras import Cameras
 from stages.scene.capture import Capture, write_capture
 from stages.scene.gaussians import Gaussians
 from stages.scene.scene import Scene, write_scene
+from stages.training.network import NetworkTraining
 from tests.stages import small
 from tests.stages.small import HEIGHT, NAMES, WIDTH, pictures
 
@@ -83,6 +84,15 @@ def codec(folder: Path, tuned_to: torch.Tensor | None = None, blocks: int = 1, w
     with create(folder, "codec") as writer:
         write_codec(writer, made.requires_grad_(False))
     return load(folder)
+
+
+def errors_of(training: NetworkTraining, iteration: int) -> dict[str, float]:
+    """The errors of one step of a training, by their names."""
+    errors: dict[str, float] = {}
+    for terms in training.errors(iteration):
+        for name, term in terms.items():
+            errors[name] = errors.get(name, 0) + term.item()
+    return errors
 
 
 def inputs_of_rtws(folder: Path) -> Inputs:
