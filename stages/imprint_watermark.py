@@ -142,7 +142,7 @@ def _pictures(
         before,
         [scene.pictures[row] for row in scene.rows(scene.train_names)],
         filling(read_image(context.input("watermark"))[1], cameras.width, cameras.height),
-        [*chain(*learnt_photos(context.input_many("photos"), parameters.shipped_photos, longest))],
+        [*chain(*learnt_photos(context.input_many("photos"), parameters.shipped_photos, context.log, longest))],
         image,
     )
 

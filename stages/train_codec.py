@@ -66,7 +66,10 @@ def train_codec(context: Context, parameters: TrainCodecParameters) -> None:
     trained_on += [photo for learnt, _ in captures for photo in learnt]
     if not trained_on:
         raise UserError(
-            "there are no photos to train on", found="no capture and no shipped photos", remedy=HOW_TO_INSTALL
+            "there are no photos to train on",
+            found="only a capture of one photo, which is held out" if captures else "no capture and no shipped photos",
+            expected="a capture of at least two photos, or shipped photos other than those held out",
+            remedy=HOW_TO_INSTALL,
         )
     watermarks = [picture for _, picture in map(read_image, context.input_many("watermarks"))]
     codec = new_codec(parameters.blocks, parameters.width, parameters.seed).to(working_device())

@@ -127,7 +127,7 @@ def tune_watermark_decoder(context: Context, parameters: TuneWatermarkDecoderPar
     if parameters.whole_pictures:
         codec.see_whole_pictures()
     longest = longest_for(scene.cameras.width, scene.cameras.height)
-    scenes = learnt_photos(context.input_many("photos"), parameters.shipped_photos, longest)
+    scenes = learnt_photos(context.input_many("photos"), parameters.shipped_photos, context.log, longest)
     others = scenes if parameters.evenly else [[photo] for photo in chain(*scenes)]
     curves = train_network(context, DecoderTuning(codec, watermark, pictures, _settings(parameters), others))
     write_codec(context.output("codec"), codec)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 from pipeline.artifact import Artifact
 from stages.imaging.pictures import Picture, read_picture
@@ -18,16 +18,23 @@ def read_photos(capture: Artifact, among: Collection[str] | None = None, longest
 
 
 def parted(photos: Sequence[Picture]) -> tuple[list[Picture], list[Picture]]:
-    """Split a capture's photos into those to learn from, and every eighth, from the first on, to be held out."""
+    """Split a capture's photos into those to learn from, and every eighth, from the first on, to be held out.
+
+    Nothing is left to learn from a single photo.
+    """
     return [photo for row, photo in enumerate(photos) if row % TEST_VIEW_EVERY], [*photos[::TEST_VIEW_EVERY]]
 
 
 def learnt_photos(
-    captures: Sequence[Artifact], shipped: Sequence[str], longest: int = LONGEST_SIDE
+    captures: Sequence[Artifact], shipped: Sequence[str], log: Callable[[str], None], longest: int = LONGEST_SIDE
 ) -> list[list[Picture]]:
     """The captures' photos without the held-out ones, and the photos of these names that packages ship.
 
-    One list per scene: a capture is a scene, and so is a shipped photo.
+    One list per scene, never an empty one: a capture is a scene, and so is a shipped photo. Captures that leave nothing
+    to learn from are left out, and `log` is told.
     """
-    of_captures = [parted(read_photos(capture, longest=longest))[0] for capture in captures]
-    return of_captures + [[read_photo(name, longest)] for name in shipped]
+    scenes = [parted(read_photos(capture, longest=longest))[0] for capture in captures]
+    for number, learnt in enumerate(scenes, start=1):
+        if not learnt:
+            log(f"capture {number} of the photos has no photo but one that is held out: nothing is learnt from it")
+    return [learnt for learnt in scenes if learnt] + [[read_photo(name, longest)] for name in shipped]

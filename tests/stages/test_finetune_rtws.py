@@ -133,6 +133,14 @@ def test_a_decoder_that_sees_whole_pictures_learns_from_other_photos_too(tmp_pat
     assert read_codec(made["codec"]).sees_whole_pictures
 
 
+def test_a_capture_of_one_photo_is_not_learnt_from(tmp_path: Path, inputs: Inputs) -> None:
+    alone = watermarks.stored_capture(tmp_path / "alone", {"alone.png": small.pictures(5)[0]})
+    given = {**inputs, "container": small.splats(tmp_path / "marked", "container"), "photos": (alone,)}
+    parameters = TuneWatermarkDecoderParameters(method="plain", iterations=3, evenly=True)
+    made = run_stage(tune_watermark_decoder, parameters, given, tmp_path / "made")
+    assert {row.method for row in read_rows(made["curves"])} == {RENDERS, PHOTOS}
+
+
 def test_a_batch_goes_through_pictures_as_single_steps_do() -> None:
     """Every picture comes once per pass, for any batch size; a step's error is the mean over its batch."""
     shown = np.stack([np.full((8, 10, 3), level, np.uint8) for level in (10, 60, 120, 200)])

@@ -19,7 +19,8 @@ from stages.train_codec import TrainCodecParameters, train_codec
 from stages.training.codec import FOUND as WATERMARK
 from stages.training.codec import MARKED as WATERMARKED
 from stages.training.codec import CodecSettings, CodecTraining, rounded
-from tests.stages.watermarks import capture, emblem, errors_of
+from tests.stages import small
+from tests.stages.watermarks import capture, emblem, errors_of, stored_capture
 
 SETTINGS = {"iterations": 50, "blocks": 1, "width": 8, "window": 16, "batch": 2, "shipped_photos": ()}
 
@@ -59,6 +60,12 @@ def test_what_was_stopped_goes_on_to_the_same_bits(tmp_path: Path, inputs: dict)
 def test_without_photos_it_says_where_some_are(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="scikit-image"):
         run_stage(train_codec, TrainCodecParameters.model_validate(SETTINGS), {}, tmp_path / "made")
+
+
+def test_a_capture_of_one_photo_is_told_to_leave_nothing_to_train_on(tmp_path: Path) -> None:
+    photos = (stored_capture(tmp_path / "photos", {"alone.png": small.pictures(0)[0]}),)
+    with pytest.raises(UserError, match="found only a capture of one photo, which is held out; expected"):
+        run_stage(train_codec, TrainCodecParameters.model_validate(SETTINGS), {"photos": photos}, tmp_path / "made")
 
 
 def training_of_a_new_codec(**settings: float) -> CodecTraining:
