@@ -95,7 +95,8 @@ def finetune_rtws(context: Context, parameters: FinetuneRtwsParameters) -> None:
     views = training_views(scene, {name: message.pictures for name, message in messages.items()})
     marked: tuple[int, ...] = ()
     if parameters.marked:
-        views, marked = half_watermarked(views, codec, picture_to_tensor(watermark, device), parameters.seed)
+        shown = picture_to_tensor(watermark, device)
+        views, marked = half_watermarked(views, codec, shown, parameters.seed, context.stop_if_requested)
     gaussians, method = read_gaussians(container, device), read_method(container, secret, device)
     refuse_unknown_attributes(gaussians, method, "finetune_rtws")
     terms = hiding_terms([*messages], parameters.lambda_message, parameters.ssim_weight, parameters.ssim_weight)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,12 +20,17 @@ from stages.training.objectives import FixedView, PictureTerm
 
 
 def half_watermarked(
-    views: TrainingViews, codec: WatermarkCodec, watermark: Float[Tensor, "H W 3"], seed: int
+    views: TrainingViews,
+    codec: WatermarkCodec,
+    watermark: Float[Tensor, "H W 3"],
+    seed: int,
+    after_each: Callable[[], None],
 ) -> tuple[TrainingViews, tuple[int, ...]]:
     """Watermark the cover's pictures of a random half of the views; also return the rows of these views, ascending.
 
     With an odd number of views, it is the smaller half. All else, including messages, is shared with `views`. `codec`
-    and `watermark` must be on the same device; pictures stay on the CPU.
+    and `watermark` must be on the same device; pictures stay on the CPU. Large pictures take seconds each; `after_each`
+    of them is called, and may raise to stop.
 
     The paper mixes photos with and without the watermark "in a 50% ratio"; using both versions of every view would fit
     that description as well.
@@ -37,6 +42,7 @@ def half_watermarked(
     for row in rows:
         marked = watermarked(pictures[row].to(watermark.device).float() / 255, codec, watermark)
         pictures[row] = marked.mul(255).round().to(torch.uint8).cpu()
+        after_each()
     return replace(views, pictures={**views.pictures, COVER: pictures}), rows
 
 

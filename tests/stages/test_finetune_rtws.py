@@ -83,11 +83,11 @@ def test_half_of_the_views_are_watermarked(inputs: Inputs) -> None:
     assert isinstance(cover, Artifact)
     views = training_views(read_scene(cover))
     watermark = torch.rand(small.HEIGHT, small.WIDTH, 3, generator=torch.Generator().manual_seed(0))
-    marked, rows = half_watermarked(views, watermarks.little_codec(), watermark, seed=0)
+    marked, rows = half_watermarked(views, watermarks.little_codec(), watermark, 0, lambda: None)
     pairs = zip(marked.pictures[COVER], views.pictures[COVER], strict=True)
     assert tuple(row for row, pair in enumerate(pairs) if not torch.equal(*pair)) == rows
     assert len(rows) == len(views.cameras) // 2
-    assert rows != half_watermarked(views, watermarks.little_codec(), watermark, seed=1)[1]
+    assert rows != half_watermarked(views, watermarks.little_codec(), watermark, 1, lambda: None)[1]
 
 
 def test_the_decoder_learns_what_to_hold_back(tmp_path: Path, inputs: Inputs) -> None:

@@ -14,6 +14,7 @@ from pipeline.artifact import Artifact
 from pipeline.errors import Interrupted
 from pipeline.stage import Parameters, Services, Stage, run_stage
 from stages.evaluate import EvaluateParameters, evaluate
+from stages.finetune_rtws import FinetuneRtwsParameters, finetune_rtws
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.photos import PhotosParameters, photos
 from stages.render_hidden import RenderHiddenParameters, render_hidden
@@ -21,6 +22,7 @@ from stages.render_path import RenderPathParameters, render_path
 from stages.time_frames import TimeFramesParameters, time_frames
 from stages.train_scene import TrainSceneParameters, train_scene
 from tests.stages import small
+from tests.stages.watermarks import inputs_of_rtws
 
 ITERATIONS = 120
 """Density control refines after 50 of them."""
@@ -125,3 +127,17 @@ def test_others_stop_within_a_picture(declared: Stage, stop_at: int, tmp_path: P
     with pytest.raises(Interrupted):
         run_stage(declared, parameters, inputs, tmp_path / "out", services=asking.services())
     assert asking.looks == stop_at
+
+
+def test_fine_tuning_stops_within_a_picture_that_it_marks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stages.finetune_rtws.train", None)  # which would look, too, but later
+    asking = Asking(stop_at=2)
+    with pytest.raises(Interrupted):
+        run_stage(
+            finetune_rtws,
+            FinetuneRtwsParameters(method="plain"),
+            inputs_of_rtws(tmp_path),
+            tmp_path / "out",
+            services=asking.services(),
+        )
+    assert asking.looks == 2
