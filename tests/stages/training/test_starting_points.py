@@ -112,6 +112,12 @@ def test_points_of_a_message_may_be_a_quarter_nearer_than_the_covers_nearest_thi
     assert clear_of_cameras(scene_with(cloud()), behind).tolist() == [1, 2]
 
 
+def test_without_random_points_no_depths_are_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stages.training.starting_points._depth_limits", None)
+    points, _ = starting_points(scene_with(cloud()), {}, Start(True, 0, random_points=0, seed=0))
+    assert points.shape == (200, 3)
+
+
 def test_random_points_are_uniform_in_inverse_depth() -> None:
     """Each quarter of the range of inverse depths holds a quarter of the points."""
     scene = replace(scene_with(cloud()), test_names=("a", "c"))
