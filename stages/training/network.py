@@ -147,10 +147,7 @@ def train_network(context: Context, training: NetworkTraining) -> list[MetricRow
 
 def _train(context: Context, training: NetworkTraining) -> list[MetricRow]:
     checkpoints = Checkpoints(context, LIBRARIES, {"device": describe_drawing(working_device())})
-    found = checkpoints.newest()
-    if found is not None:
-        training.set_state(found.state)
-        context.log(f"goes on from step {training.iteration} of {training.iterations}")
+    _go_on(context, training, checkpoints)
     while training.iteration < training.iterations:
         training.step()
         last = training.iteration
@@ -161,3 +158,11 @@ def _train(context: Context, training: NetworkTraining) -> list[MetricRow]:
         if stops:
             raise Interrupted(f"stopped after step {last} of {training.iterations}")
     return training.curves()
+
+
+def _go_on(context: Context, training: NetworkTraining, checkpoints: Checkpoints) -> None:
+    """Resume from the newest checkpoint, if there is one; its arrays are let go on return."""
+    found = checkpoints.newest()
+    if found is not None:
+        training.set_state(found.state)
+        context.log(f"goes on from step {training.iteration} of {training.iterations}")

@@ -11,7 +11,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from pipeline.errors import UserError
+from pipeline.checkpoint import State
+from pipeline.errors import Interrupted, UserError
 from pipeline.stage import Context, Services
 from stages.hiding.watermark.codec import new_codec
 from stages.training.codec import CodecSettings, CodecTraining
@@ -98,6 +99,28 @@ def test_an_error_that_comes_in_terms_is_their_sum() -> None:
     assert training.history == [pytest.approx([0.03, 0.01])]
     mean_gradient = training.adam.state[training.number]["exp_avg"]
     assert mean_gradient.item() == pytest.approx((1 - 0.9) * (0.1 + 0.2 + 2 * 0.2))
+
+
+def test_a_training_that_goes_on_lets_its_checkpoint_go(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    looks = iter([False, True])
+    with pytest.raises(Interrupted):
+        train_network(Context({}, {}, tmp_path, "test", Services(stop_requested=lambda: next(looks))), codec_training())
+    set_state, step = CodecTraining.set_state, CodecTraining.step
+    given: list[weakref.ref[State]] = []
+    held: list[State | None] = []
+
+    def remembered(training: CodecTraining, state: State) -> None:
+        given.append(weakref.ref(state))
+        set_state(training, state)
+
+    def watched(training: CodecTraining) -> None:
+        held.append(given[0]())
+        step(training)
+
+    monkeypatch.setattr(CodecTraining, "set_state", remembered)
+    monkeypatch.setattr(CodecTraining, "step", watched)
+    train_network(Context({}, {}, tmp_path, "test", Services()), codec_training())
+    assert held == [None] * 4
 
 
 def test_a_gpu_that_is_too_small_is_told_with_what_to_change(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
