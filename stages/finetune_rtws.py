@@ -81,7 +81,8 @@ def finetune_rtws(context: Context, parameters: FinetuneRtwsParameters) -> None:
     Positions, shapes, opacities and the container's decoders stay as they are (the paper does not mention opacities and
     decoders). Messages or an image, given with the secret as for `evaluate`, are part of the loss; without them, the
     features are free to forget what they hide. `tune_watermark_decoder` comes next: one container serves all decoders
-    that learn from it. Raises `UserError` for a sealed container.
+    that learn from it. Raises `UserError` if the secret is that of a sealed container; without the secret this cannot
+    be told.
     """
     torch.set_num_threads(parameters.threads)
     container, secret = context.input("container"), context.input_optional("secret")

@@ -101,7 +101,8 @@ def imprint_watermark(context: Context, parameters: ImprintWatermarkParameters) 
     The decoder learns to show black for photos of the cover, renders from before, and `photos` of anything else.
     Positions, shapes, opacities and the container's own decoders stay as they are. With the secret, what it shows may
     change by at most `message_level`. Keep the resulting decoder secret: anyone who has it can alter a picture until it
-    shows nothing. Raises `UserError` for a sealed container.
+    shows nothing. Raises `UserError` if the secret is that of a sealed container; without the secret this cannot be
+    told.
     """
     torch.set_num_threads(parameters.threads)
     container, secret = context.input("container"), context.input_optional("secret")
