@@ -24,7 +24,7 @@ from typing import Any, cast, get_args
 
 from pipeline.disk import entries_of, leads_elsewhere, parse_json, read_plain_file
 from pipeline.events import StageState
-from pipeline.store.record import KEY
+from pipeline.store.record import KEY, is_time
 
 
 @dataclass(frozen=True)
@@ -250,7 +250,7 @@ def _result(content: Mapping[str, Any]) -> StageResult | None:
         isinstance(name, str)
         and state in get_args(StageState)
         and (key is None or _is_key(key))
-        and isinstance(seconds, float | int)
+        and is_time(seconds)
         and isinstance(cause, str | None)
         and isinstance(outputs, dict)
         and all(isinstance(value, str) for value in outputs.values())

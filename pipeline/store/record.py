@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,8 +13,10 @@ from pipeline.store.sealed import read_sealed
 
 RECORD = "record.json"
 KEY = re.compile(r"[0-9a-f]{64}")  # keys of actions, and digests of artifacts
-TOLD = {"seconds": int | float, "started": str, "versions": dict, "machine": dict, "facts": dict, "private": bool}
-"""What the provenance contains in every version, with its types."""
+TOLD = {"started": str, "versions": dict, "machine": dict, "facts": dict, "private": bool}
+"""What the provenance contains in every version, with its types; besides, `seconds`."""
+LONGEST = 1e12
+"""Seconds, thirty thousand years: no action takes longer. The times of any number of actions have a finite sum."""
 
 
 @dataclass(frozen=True)
@@ -103,11 +104,16 @@ def _is_digest(value: object) -> bool:
     return isinstance(value, str) and KEY.fullmatch(value) is not None
 
 
+def is_time(found: object) -> bool:
+    """Whether this can be how long an action took, in seconds: JSON may hold NaN, and integers beyond every float."""
+    return isinstance(found, int | float) and abs(found) <= LONGEST
+
+
 def _is_told(provenance: Mapping[str, Any]) -> bool:
     """Whether a provenance has everything that is read from it, in the right types."""
     return (
         all(isinstance(provenance.get(name), kind) for name, kind in TOLD.items())
-        and abs(provenance["seconds"]) <= sys.float_info.max  # a JSON integer may exceed every float
+        and is_time(provenance.get("seconds"))
         and isinstance(provenance.get("commit"), str | None)
         and _are_texts(provenance.get("from_accepted", []))
         and isinstance(accepted := provenance.get("accepted", []), list)

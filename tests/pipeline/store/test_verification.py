@@ -138,6 +138,7 @@ def test_an_altered_record(workspace: Workspace, change: Callable[[object], obje
         lambda content: content["provenance"].pop("seconds"),
         lambda content: content["provenance"].update(seconds="1"),
         lambda content: content["provenance"].update(seconds=10**400),
+        lambda content: content["provenance"].update(seconds=1.7e308),
         lambda content: content["provenance"].update(machine=[]),
         lambda content: content["provenance"].update(commit=[]),
         lambda content: content["provenance"].update(from_accepted=[[]]),
