@@ -136,7 +136,8 @@ def pins_words(pins: Mapping[str, Pin], actions: Collection[str]) -> list[str]:
     for name, pin in pins.items():
         present = sum(key in actions for key in pin.keys.values())
         left = f" ({present} in the store)" if present < len(pin.keys) else ""
-        rows.append([name, pin.workflow, pin.made, f"{len(pin.keys)} results{left}"])
+        facts = (in_a_line(pin.workflow), in_a_line(pin.made), f"{len(pin.keys)} results{left}")
+        rows.append([without_controls(name), *facts])  # the whole name, which `unpin` takes
     return table(rows) or ["Nothing is pinned."]
 
 

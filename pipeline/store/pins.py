@@ -13,8 +13,9 @@ import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
-from pipeline.disk import flush
+from pipeline.disk import flush, parse_json
 from pipeline.errors import CommandError, UserError, nearest
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.,\[\]-]{0,199}")
@@ -43,12 +44,7 @@ class Pins:
     def read(self, name: str) -> Pin:
         """The pin of that name. Raises UserError if it cannot be read: then nobody knows what it was meant to keep."""
         try:
-            content = json.loads(self._data(name))
-            return Pin(
-                content["workflow"],
-                content["made"],
-                {str(stage): str(content["keys"][stage]) for stage in content["keys"]},
-            )
+            return _pin(parse_json(self._data(name)))
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise UserError(
                 "the pin cannot be read",
@@ -103,3 +99,11 @@ class Pins:
 
     def _path(self, name: str) -> Path:
         return self._folder / f"{name}.json"
+
+
+def _pin(content: Any) -> Pin:
+    """The pin in a file's content, which may be anyone's. Raises KeyError, TypeError or ValueError if it is none."""
+    workflow, made, keys = content["workflow"], content["made"], content["keys"]
+    if not isinstance(keys, dict) or not all(isinstance(text, str) for text in (workflow, made, *keys.values())):
+        raise ValueError("something other than texts")
+    return Pin(workflow, made, keys)

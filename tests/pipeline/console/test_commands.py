@@ -232,6 +232,37 @@ def test_gc_and_pins(chain: Workspace) -> None:
     assert not store.objects
 
 
+@pytest.mark.parametrize(
+    "content",
+    [
+        "[" * 100_000,
+        json.dumps({"workflow": 3, "made": "now", "keys": {}}),
+        json.dumps({"workflow": "chain", "made": 4, "keys": {}}),
+        f'{{"workflow": "chain", "made": "now", "keys": {{"base": {"[" * 500}{"]" * 500}}}}}',
+    ],
+    ids=["nested", "workflow", "made", "nested key"],
+)
+@pytest.mark.parametrize("command", ["pins", "gc"])
+def test_a_pin_of_a_stranger_that_is_not_in_our_format_is_told_in_a_line(
+    chain: Workspace, command: str, content: str
+) -> None:
+    folder = chain.folder / "store/pins"
+    folder.mkdir()
+    (folder / "a.json").write_text(content)
+    done = call(command)
+    assert (done.exit_code, done.stdout, len(done.stderr.splitlines())) == (2, "", 1)
+    assert f"{folder / 'a.json'}: the pin cannot be read" in done.stderr
+
+
+def test_pins_of_a_stranger_are_listed_without_what_a_terminal_would_obey(chain: Workspace) -> None:
+    folder, evil = chain.folder / "store/pins", "\x1b]0;owned\x07\x1b[31m"
+    folder.mkdir()
+    (folder / f"{evil}.json").write_text(json.dumps({"workflow": evil, "made": evil, "keys": {}}))
+    done = call("pins")
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert done.stdout == f"{'  '.join(['?]0;owned??[31m'] * 3)}  0 results\n"
+
+
 def test_gc_waits_for_nobody(chain: Workspace) -> None:
     with Store(chain.folder / "store").in_use():
         done = call("gc")
