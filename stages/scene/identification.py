@@ -85,7 +85,7 @@ def _units(kinds: Sequence[Kind], registration: Registration) -> list[float]:
     pairings: list[tuple[int | None, Rows, Rows]] = [(None, registration.found, registration.published)]
     for number, (own, known) in enumerate(kinds[1:], start=1):
         looked_at = np.arange(0, len(known), math.ceil(len(known) / SAMPLED))
-        _, partners = cKDTree(own).query(known[looked_at], k=range(1, min(PAIRED, len(own)) + 1))
+        partners = _nearest_rows(own, known[looked_at], PAIRED)
         pairings.append((number, partners.ravel(), np.repeat(looked_at, partners.shape[1])))
     units = []
     for number, (own, known) in enumerate(kinds):
@@ -106,8 +106,28 @@ def _nearest(kinds: Sequence[Kind], rows: Int[np.ndarray, " K"]) -> Iterator[Int
     """The found rows nearest to each of these published ones, then the second nearest, and so on."""
     if len(rows):
         own, known = (np.concatenate(values, axis=1) for values in zip(*kinds, strict=True))
-        _, nearest = cKDTree(own).query(known[rows], k=range(1, min(CANDIDATES, len(own)) + 1))
-        yield from nearest.T
+        yield from _nearest_rows(own, known[rows], CANDIDATES).T
+
+
+def _nearest_rows(own: Float[np.ndarray, "F D"], wanted: Float[np.ndarray, "K D"], most: int) -> Int[np.ndarray, "K C"]:
+    """For each wanted value, the rows of the `most` nearest of `own`, or of all if there are fewer, nearest first.
+
+    No more than these of each value go into the tree. It cannot part equal ones: whoever gives most found Gaussians one
+    size and opacity would have each published one compared with all of them.
+    """
+    rows = _few_of_each(own, most)
+    _, nearest = cKDTree(own[rows]).query(wanted, k=range(1, min(most, len(rows)) + 1))
+    return rows[nearest]
+
+
+def _few_of_each(values: Float[np.ndarray, "F D"], most: int) -> Int[np.ndarray, " R"]:
+    """The rows, in order, of the first `most` of equal values."""
+    order = np.lexsort(values.T)
+    number = np.arange(len(values))
+    is_new = np.ones(len(values), dtype=bool)
+    is_new[1:] = (values[order[1:]] != values[order[:-1]]).any(axis=1)
+    first = np.maximum.accumulate(np.where(is_new, number, 0))
+    return np.sort(order[number - first < most])
 
 
 def _each_once(rows: Int[np.ndarray, " N"], costs: Float[np.ndarray, " N"]) -> Int[np.ndarray, " N"]:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from scipy.spatial import cKDTree
 
+from stages.scene import identification
 from stages.scene.gaussians import Gaussians
-from stages.scene.identification import MISSING, identified
+from stages.scene.identification import MISSING, PAIRED, identified
 from stages.scene.moved_splats import chosen, moved
 from tests.stages.scene.test_registration import motion, scene, shaken
 
@@ -106,6 +108,31 @@ def test_no_found_one_is_two() -> None:
     rows = identified(chosen(shaken(published, "means", SHIFTED), torch.arange(700)), published, 0)
     known = rows[rows != MISSING]
     assert len(known) == len(np.unique(known))
+
+
+@pytest.mark.parametrize("share", [1.0, 0.9])
+def test_of_values_that_many_share_few_are_looked_at_and_the_others_tell(
+    share: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A tree cannot part equal values: to look at all of them for each published Gaussian takes the square of both."""
+    published = scene(0)
+    alike = torch.arange(COUNT) < share * COUNT
+    found = Gaussians(
+        published.parameters
+        | {"log_scales": torch.where(alike[:, None], -4.0, published["log_scales"])}
+        | {"logit_opacities": torch.where(alike, 0.0, published["logit_opacities"])}
+    )
+    copies = []
+
+    def tree(values: np.ndarray) -> cKDTree:
+        copies.append(np.unique(values, axis=0, return_counts=True)[1].max())
+        return cKDTree(values)
+
+    monkeypatch.setattr(identification, "cKDTree", tree)
+    colours, normals = np.random.default_rng(4).random((2, COUNT, 3))
+    rows = identified(found, published, 0, [(colours, colours), (normals, normals)])
+    assert right(rows, np.arange(COUNT)) > 0.99
+    assert max(copies) == PAIRED
 
 
 @pytest.mark.parametrize(("found", "published"), [(0, 5), (5, 0), (0, 0), (1, 1), (3, 1500), (1500, 3), (12, 12)])
