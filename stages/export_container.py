@@ -63,7 +63,7 @@ def export_container(context: Context, parameters: ExportContainerParameters) ->
         )
     bundle = container_bundle(container)
     write_container_bundle(context.output("bundle"), bundle)
-    write_secret_bundle(context.output("secret_bundle"), secret_bundle(secret) if secret else SecretBundle(()))
+    write_secret_bundle(context.output("secret_bundle"), secret_bundle(secret, bundle) if secret else SecretBundle(()))
     if cover := context.input_optional("cover"):
         scene = read_scene(cover)
         context.output("bundle").write_file(CAMERAS, cameras_file(_path_along(scene, parameters)))

@@ -7,7 +7,7 @@ from pydantic import Field
 
 from pipeline.stage import Context, ExternalPath, Output, Parameters, stage
 from stages.hiding.altered_files import altered_files
-from stages.hiding.bundle import CAMERAS, IMAGE_CAMERA, SecretBundle
+from stages.hiding.bundle import CAMERAS, EXPORTED_WITH, IMAGE_CAMERA, SecretBundle, hash_of
 from stages.hiding.bundle_files import read_container_bundle, read_secret_bundle
 from stages.hiding.camera_reading import read_cameras_file
 from stages.hiding.fitting import fitted_method
@@ -51,7 +51,8 @@ def import_container(context: Context, parameters: ImportContainerParameters) ->
 
     `cameras` is a path from which to view the container, `image_camera` the camera from which the secret shows an
     image; each is empty if the bundles lack its file. Files that are not what was exported are recorded: they may fit
-    the method and still be damaged, or of another container.
+    the method and still be damaged, or of another container. So is a container other than the one that the secret was
+    exported with, which secrets of earlier versions cannot tell.
     """
     bundle = read_container_bundle(parameters.bundle)
     secret = read_secret_bundle(parameters.secret) if parameters.secret else SecretBundle(())
@@ -63,7 +64,9 @@ def import_container(context: Context, parameters: ImportContainerParameters) ->
     gaussians = Gaussians({name: torch.from_numpy(values) for name, values in bundle.attributes.items()})
     write_container(context.output("container"), gaussians, method)
     write_secret(context.output("secret"), method, secret.messages)
-    context.output("secret").attributes |= secret.facts
+    own, facts = hash_of(bundle), dict(secret.facts)
+    exported_with = facts.pop(EXPORTED_WITH, own)
+    context.output("secret").attributes |= facts
     write_cameras(context.output("cameras"), read_cameras_file(parameters.bundle, CAMERAS))
     hiding = read_cameras_file(parameters.secret, IMAGE_CAMERA) if parameters.secret else None
     write_cameras(context.output("image_camera"), hiding)
@@ -72,4 +75,5 @@ def import_container(context: Context, parameters: ImportContainerParameters) ->
         method=bundle.method,
         gaussians=len(gaussians),
         altered=[name for place in places for name in altered_files(place)],
+        another_container=exported_with != own,
     )

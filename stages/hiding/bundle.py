@@ -5,7 +5,8 @@
     scene_decoder.safetensors     D_s, if the method has one
     cameras.json                  a camera path for viewing it, if the cover was given; see `camera_files`
 
-    secret.json                   the messages' names, in the order of the message decoder's channels, and other facts
+    secret.json                   the messages' names, in the order of the message decoder's channels, a hash of the
+                                  container (`hash_of`), and other facts
     message_decoder.safetensors   D_m, if the method has one
     image_camera.json             the camera that sees the hidden image, if there is one and the cover was given
 
@@ -17,6 +18,7 @@ along orthogonal directions, as it does with fewer.
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -39,6 +41,9 @@ CONTAINER_FORMAT, SECRET_FORMAT = "gs-hider container", "gs-hider secret"
 VERSION = 1
 GAUSSIANS, DESCRIPTION, SECRET_DESCRIPTION = "container.ply", "container.json", "secret.json"
 CAMERAS, IMAGE_CAMERA = "cameras.json", "image_camera.json"
+EXPORTED_WITH = "container_sha256"
+"""Fact of a secret: the hash of its container. A seal keeps others from reading the features, not from changing them,
+and so what the secret shows; whoever alters the container cannot alter this."""
 IN_COMMENT = "description "
 """Prefix of the PLY comment that holds the description. It makes the PLY alone a container if the method has no
 networks."""
@@ -81,10 +86,25 @@ def container_bundle(container: Artifact) -> ContainerBundle:
     return ContainerBundle(string(container, "method"), mapping(container, "settings"), attributes, networks)
 
 
-def secret_bundle(secret: Artifact) -> SecretBundle:
-    """The bundle of a `secret` artifact."""
+def secret_bundle(secret: Artifact, container: ContainerBundle) -> SecretBundle:
+    """The bundle of a `secret` artifact that is exported with this container."""
     facts = {name: value for name, value in secret.attributes.items() if name != "messages"}
+    facts[EXPORTED_WITH] = hash_of(container)
     return SecretBundle(strings(secret, "messages"), _networks(secret, SECRET_NETWORKS), facts)
+
+
+def hash_of(container: ContainerBundle) -> str:
+    """SHA-256 of all that a container shows: description, Gaussians, and public networks. N = 0 is allowed.
+
+    Gaussians count in the order in which the store has them, since programs may save them in another.
+    """
+    order = np.lexsort(container.attributes["means"].T)
+    arrays = {name: values[order] for name, values in container.attributes.items()}
+    arrays |= {f"{name}/{key}": value for name, weights in container.networks.items() for key, value in weights.items()}
+    digest = hashlib.sha256(json.dumps(_description(container), sort_keys=True).encode())
+    for name, values in sorted(arrays.items()):
+        digest.update(f"{name} {values.shape}".encode() + np.ascontiguousarray(values, "<f4").tobytes())
+    return digest.hexdigest()
 
 
 def _networks(artifact: Artifact, names: Sequence[str]) -> Mapping[str, Weights]:

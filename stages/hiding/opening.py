@@ -104,8 +104,9 @@ def open_container(
     may be some of those and others, in any order and each changed a little, as `recover` returns them; Gaussians that
     `identified` does not recognise are left out.
 
-    Raises `UserError` if the container is not the one that was sealed, if none of its Gaussians is recognised, and if
-    the seal does not fit the method.
+    Raises `UserError` if the container is not the one that was sealed (by positions, opacities, and the signs of some
+    features), if none of its Gaussians is recognised, and if the seal does not fit the method. Features that a stranger
+    altered are decrypted like others, to something else: `import_container` tells this of files.
     """
     if not is_sealed(secret):
         return gaussians

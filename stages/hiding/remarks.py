@@ -16,6 +16,12 @@ IN_THE_OPEN = (
     "may see the messages without the secret. Ours (homogeneous) with more than eight channels can be sealed."
 )
 
+ANOTHER_CONTAINER = (
+    "The container is not the one that this secret was exported with: another, or altered since, by a program that "
+    "saved it or by someone without the secret. The messages shown may have been altered, too. Fetch the container "
+    "from its publisher."
+)
+
 
 def left_open(finished: Finished) -> tuple[Remark, ...]:
     """A remark on `seal`, if a seal was wanted for messages and the container has none."""
@@ -26,14 +32,17 @@ def left_open(finished: Finished) -> tuple[Remark, ...]:
 
 
 def not_as_exported(finished: Finished) -> tuple[Remark, ...]:
-    """A remark on `import_container`, if files are not what the manifest beside them says was exported."""
+    """Remarks on `import_container`, if files are not what the manifest beside them says was exported, or the container
+    is not the one that the secret was exported with.
+    """
+    another = (Remark(ANOTHER_CONTAINER),) if finished.facts.get("another_container") else ()
     recorded = finished.facts.get("altered")
     altered = [str(name) for name in recorded] if isinstance(recorded, list) else []
     if not altered:
-        return ()
+        return another
     said = agreeing(
         len(altered),
         "[is|are] not what was exported, as the manifest.json beside [it|them] tells: damaged, or of another container."
         " What is shown may be wrong; fetch the files again.",
     )
-    return (Remark(f"{listed(altered)} {said}"),)
+    return (Remark(f"{listed(altered)} {said}"), *another)

@@ -21,7 +21,7 @@ from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.hiding.bundle import CAMERAS
 from stages.hiding.camera_reading import read_cameras_file
 from stages.hiding.method import build_method
-from stages.hiding.remarks import not_as_exported
+from stages.hiding.remarks import ANOTHER_CONTAINER, not_as_exported
 from stages.hiding.rendering import COVER
 from stages.hiding.storage import read_gaussians, read_method, write_container, write_secret
 from stages.import_container import ImportContainerParameters, import_container
@@ -289,7 +289,32 @@ def test_files_that_are_not_what_was_exported_are_told(
     assert said("whole", bundle, secret) == []
     decoder = secret / "message_decoder.safetensors" if secret_of_another else bundle / "scene_decoder.safetensors"
     flip(decoder)
-    (text,) = said("altered", bundle, secret)
+    text, *others = said("altered", bundle, secret)
     assert text.startswith(f"{decoder.name} is not what was exported")
+    assert others == ([] if secret_of_another else [ANOTHER_CONTAINER])
     (decoder.parent / "manifest.json").unlink()
-    assert said("untold", bundle, secret) == []
+    assert said("untold", bundle, secret) == others
+
+
+def test_the_secret_tells_a_container_that_a_stranger_altered(tmp_path: Path, recorded: dict[str, Json]) -> None:
+    """A single feature of a single Gaussian, which a seal does not protect from being changed; there is no manifest."""
+    made = exported(tmp_path, *stored(tmp_path, "gs_hider", messages=("reef",)))
+    bundle, secret = (shutil.copytree(made[name].path, tmp_path / name) for name in ("bundle", "secret_bundle"))
+    for place in (bundle, secret):
+        (place / "manifest.json").unlink()
+
+    def said(name: str) -> list[str]:
+        again = imported(tmp_path / name, "gs_hider", bundle, secret)
+        return [remark.text for remark in not_as_exported(Finished({}, again, recorded))]
+
+    ply = plyfile.PlyData.read(bundle / "container.ply", mmap=False)
+    ply.elements[0].data = np.roll(ply.elements[0].data, 7)
+    ply.write(bundle / "container.ply")
+    assert said("in another order") == []
+    ply.elements[0].data["feature_2"][5] *= -1
+    ply.write(bundle / "container.ply")
+    assert said("altered") == [ANOTHER_CONTAINER]
+    facts = json.loads((secret / "secret.json").read_text(encoding="utf-8"))
+    del facts["facts"]["container_sha256"]
+    (secret / "secret.json").write_text(json.dumps(facts), encoding="utf-8")
+    assert said("with an earlier secret") == []
