@@ -55,7 +55,7 @@ def add_grain(context: Context, parameters: AddGrainParameters) -> None:
     If the secret is given, features change in a direction that its decoder does not read, which spares the message as
     far as decoders are linear. If a key is given, nobody else knows the coins. `find_grain` reads the grain with the
     container from before: keep that one, and publish the new one. At level 0 nothing changes, bit for bit. Raises
-    `UserError` for a sealed container.
+    `UserError` if the secret is that of a sealed container; without the secret this cannot be told.
     """
     torch.set_num_threads(parameters.threads)
     container = context.input("container")

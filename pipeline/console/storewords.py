@@ -98,7 +98,7 @@ def verified_as_json(checked: Checked) -> dict[str, object]:
 def collection_words(garbage: Garbage, dry_run: bool) -> list[str]:
     """What is deleted, by workflow and stage, and what is kept and why, line by line."""
     rows = [
-        [waste.workflow or waste.what, waste.stage, f"{waste.number}", size_words(waste.size)]
+        [in_a_line(waste.workflow or waste.what), in_a_line(waste.stage), f"{waste.number}", size_words(waste.size)]
         for waste in garbage.waste
     ]
     verb = "Would delete" if dry_run else "Deleted"

@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from pipeline.disk import flush, parse_json
+from pipeline.disk import flush, parse_json, read_plain_file
 from pipeline.errors import CommandError, UserError, nearest
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.,\[\]-]{0,199}")
@@ -73,7 +73,7 @@ class Pins:
         return str(self._path(name))
 
     def _data(self, name: str) -> bytes:
-        return self._path(name).read_bytes()
+        return read_plain_file(self._path(name))
 
     def _create(self, name: str, data: bytes) -> bool:
         """Writes a pin unless the name is taken, and returns whether it did."""

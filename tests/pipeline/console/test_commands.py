@@ -20,10 +20,11 @@ from typer.testing import CliRunner, Result
 
 from pipeline.artifact import create, load
 from pipeline.cli import app
+from pipeline.console.storewords import collection_words
 from pipeline.disk import size_of
 from pipeline.results import exporting, pictures
 from pipeline.store import garbage
-from pipeline.store.garbage import Collection, Rules, collect
+from pipeline.store.garbage import Collection, Rules, Waste, collect
 from pipeline.store.store import Store
 from tests.pipeline.helpers import CHAIN, TOYS, Workspace
 
@@ -252,6 +253,21 @@ def test_a_pin_of_a_stranger_that_is_not_in_our_format_is_told_in_a_line(
     done = call(command)
     assert (done.exit_code, done.stdout, len(done.stderr.splitlines())) == (2, "", 1)
     assert f"{folder / 'a.json'}: the pin cannot be read" in done.stderr
+
+
+def test_a_pipe_in_the_place_of_a_pin_holds_up_nobody(chain: Workspace) -> None:
+    folder = chain.folder / "store/pins"
+    folder.mkdir()
+    os.mkfifo(folder / "a.json")
+    done = call("gc")
+    assert (done.exit_code, len(done.stderr.splitlines())) == (2, 1)
+    assert f"{folder / 'a.json'}: the pin cannot be read" in done.stderr
+
+
+def test_what_is_deleted_is_named_without_what_a_terminal_would_obey() -> None:
+    evil = "\x1b[31m"
+    [_, line, _] = collection_words(Collection((Waste("artifacts", 1, 10, evil, evil),), 0, ()), dry_run=True)
+    assert "\x1b" not in line
 
 
 def test_pins_of_a_stranger_are_listed_without_what_a_terminal_would_obey(chain: Workspace) -> None:
