@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 import pipeline.artifact
-from pipeline.artifact import create, default_chunks, load
+from pipeline.artifact import create, default_chunks, load, publish
 from pipeline.errors import ArtifactError, CorruptArtifact
 
 
@@ -205,6 +205,13 @@ def test_nothing_is_left_after_an_exception(tmp_path: Path) -> None:
     with pytest.raises(RuntimeError):
         fail()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_cannot_be_moved_stays_where_it_is(tmp_path: Path) -> None:
+    digest = write(tmp_path / "a", np.zeros(3))
+    with pytest.raises(FileNotFoundError):
+        publish(load(tmp_path / "a"), tmp_path / "no such folder" / "a")
+    assert load(tmp_path / "a").digest == digest
 
 
 @pytest.mark.parametrize("array", [np.array(["a"]), np.array([object()]), np.array([(1, 2)], dtype="i4,i4")])

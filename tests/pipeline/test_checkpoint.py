@@ -21,6 +21,7 @@ from pipeline.errors import UserError
 from pipeline.events import Noted
 from pipeline.manifest import read_manifest
 from pipeline.stage import Context, Services
+from pipeline.store.store import Store
 from tests.pipeline.helpers import Workspace
 
 STATE = State(
@@ -115,6 +116,17 @@ def test_what_a_kill_left_behind_does_no_harm(context: Context) -> None:
     assert number_in(context) == 2
     Checkpoints(context).save(numbered(3))
     assert [path.name for path in context.scratch.iterdir()] == ["checkpoint-3"]
+
+
+def test_the_tenth_is_newer_than_the_ninth(context: Context) -> None:
+    """Both are there if a kill came before the old one was deleted."""
+    for number in range(1, 10):
+        Checkpoints(context).save(numbered(number))
+    ninth = context.scratch / "checkpoint-9"
+    shutil.copytree(ninth, context.scratch.with_name("old"))
+    Checkpoints(context).save(numbered(10))
+    context.scratch.with_name("old").rename(ninth)
+    assert number_in(context) == 10
 
 
 def test_a_damaged_one_gives_way_to_the_one_before(context: Context, log: list[str]) -> None:
@@ -298,3 +310,21 @@ def test_seconds_before_a_checkpoint_are_seconds_of_the_stage(workspace: Workspa
     assert ran.ended["a"].seconds >= 1000
     record = json.loads(next(workspace.folder.glob("store/actions/*/record.json")).read_text())
     assert record["provenance"]["seconds"] >= 1000
+
+
+def test_it_goes_only_when_the_result_is_in_the_store(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
+    """If the disk is full just then, the next run goes on from it."""
+    step = workspace.write("stages:\n  a: {uses: numbers}\n").plan()["a"]
+    store = workspace.open().store
+    checkpoint = store.folder("scratch", str(step.key)) / "checkpoint"
+    checkpoint.write_text("hours of work")
+
+    def full(*arguments: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Store, "commit", full)
+        assert workspace.run().states == {"a": "failed"}
+    assert checkpoint.read_text() == "hours of work"
+    assert workspace.run().states == {"a": "ran"}
+    assert not checkpoint.exists()

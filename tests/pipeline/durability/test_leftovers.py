@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import fcntl
+import gc
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from pipeline.artifact import ArtifactWriter
 from pipeline.store.history import History, StageResult
 from pipeline.store.store import Store
+from pipeline.store.temporary import OwnFolder, sweep
 from tests.pipeline.durability.commands import ROOT
 from tests.pipeline.helpers import CHAIN, PROVENANCE, Workspace
 
@@ -53,6 +58,38 @@ def test_only_what_the_dead_wrote_is_removed(tmp_path: Path) -> None:
     assert not others.parent.exists(), "a process that ends by itself removes what it wrote"
     names = {path.name for path in store.root.glob("temporary/*")}
     assert names == {mine.parent.name, f"{mine.parent.name}.lock"}
+
+
+def test_a_forked_child_removes_nothing_of_its_parents(tmp_path: Path) -> None:
+    """It has a copy of the store, and shares the lock."""
+    store = Store(tmp_path / "store")
+    mine = store.temporary()
+    mine.write_text("mine")
+    child = os.fork()
+    if child == 0:
+        del store
+        gc.collect()
+        os._exit(0)
+    assert os.waitpid(child, 0)[1] == 0
+    assert mine.read_text() == "mine"
+
+
+def test_a_lock_that_another_process_has_just_removed_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who sweeps finds a lock before it is held, and removes it: then nobody else would see that it is held."""
+    temporary, locked, removed = tmp_path / "temporary", fcntl.flock, []
+    temporary.mkdir()
+
+    def removed_then_locked(descriptor: int, how: int) -> None:
+        if not removed:
+            removed.append(Path(f"/proc/self/fd/{descriptor}").readlink())
+            removed[0].unlink()
+        locked(descriptor, how)
+
+    monkeypatch.setattr(fcntl, "flock", removed_then_locked)
+    own = OwnFolder(temporary)
+    sweep(temporary)
+    assert removed
+    assert own.path.is_dir()
 
 
 def test_checkpoints_of_finished_actions_are_removed(workspace: Workspace) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from pipeline.artifact import ArtifactWriter
+from pipeline.store.record import Record
 from pipeline.store.store import Store
 from tests.pipeline.durability.commands import TOYS
 from tests.pipeline.helpers import CHAIN, PROVENANCE, Workspace
@@ -68,5 +69,12 @@ def test_a_record_tells_of_what_was_private(tmp_path: Path, private: str) -> Non
     writer = ArtifactWriter(store.temporary() / "out", "numbers", private=private == "output")
     writer.write("values", np.zeros(3))
     store.commit("ab" * 32, {}, {"out": writer}, {**PROVENANCE, "private": private == "action"})
+    folder = store.root / "actions" / ("ab" * 32)
+    assert (mode(folder), mode(folder / "record.json")) == (0o700, 0o600)
+
+
+def test_a_record_that_was_accepted_tells_of_what_was_private(tmp_path: Path) -> None:
+    store = Store(tmp_path / "store")
+    store.add(Record("ab" * 32, {}, {}, {**PROVENANCE, "private": True}))
     folder = store.root / "actions" / ("ab" * 32)
     assert (mode(folder), mode(folder / "record.json")) == (0o700, 0o600)

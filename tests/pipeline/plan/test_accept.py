@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from pipeline.cli import app
 from pipeline.errors import CommandError
-from pipeline.plan.accept import still_to_accept
+from pipeline.plan.accept import keep, still_to_accept
 from pipeline.plan.explanation import explain, in_words
 from tests.pipeline.helpers import Workspace
 from tests.pipeline.model import StageNode
@@ -89,6 +89,13 @@ def test_what_a_run_is_doing_is_not_to_be_accepted(session: Session) -> None:
     with project.store.lock(key):
         assert still_to_accept(project.graph, project.store) == []
     assert still_to_accept(project.graph, project.store) == ["s1"]
+
+
+def test_nothing_is_accepted_while_results_are_deleted(workspace: Workspace) -> None:
+    """The record could name an artifact that is just going."""
+    project = workspace.write("stages:\n  a: {uses: numbers}\n").run().project
+    with project.store.in_use(alone=True), pytest.raises(CommandError, match="results are being deleted"):
+        keep([], project.graph, project.store)
 
 
 def test_what_is_made_from_it_says_so(session: Session) -> None:

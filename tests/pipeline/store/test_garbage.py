@@ -111,6 +111,17 @@ def test_an_interrupted_run_pushes_nothing_out(chain: Workspace) -> None:
     assert is_cached(chain, "factor=2")
 
 
+def test_what_a_worker_finished_after_its_run_was_killed_stays(chain: Workspace) -> None:
+    """The journal of that run only says that it was begun."""
+    begun = str(chain.run("factor=2").ended["twice"].key)
+    chain.run("factor=3")
+    journal = store_of(chain).history.begin("chain", whole=True)
+    journal.begin(begun)
+    journal.close()
+    collected(chain, keep_last=1)
+    assert chain.plan("factor=2")["twice"].state == "cached"
+
+
 def test_a_result_whose_line_was_lost_stays(chain: Workspace) -> None:
     """A full disk may cost a line of the journal; the link in `latest` is still there."""
     chain.run("factor=2")

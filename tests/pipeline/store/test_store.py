@@ -50,6 +50,22 @@ def test_a_damaged_object_is_replaced(tmp_path: Path) -> None:
     np.testing.assert_array_equal(store.artifact(digest).read("values"), np.ones(3))
 
 
+def test_what_is_damaged_is_moved_under_its_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Otherwise a whole one that another process has just put there could be moved."""
+    store = Store(tmp_path / "store")
+    digest = commit(store, 1.0).outputs["out"]
+    clear, locked = Store._clear_damaged, []
+
+    def watched(store: Store, digest: str) -> None:
+        locked.append(store.is_locked(digest))
+        clear(store, digest)
+
+    monkeypatch.setattr(Store, "_clear_damaged", watched)
+    store.set_aside(digest)
+    commit(store, 1.0, "cd" * 32)
+    assert locked == [True, True]
+
+
 @pytest.mark.parametrize("keys", [("ab" * 32, "cd" * 32), ("cd" * 32, "ab" * 32)])
 def test_what_was_accepted_was_made_later(keys: tuple[str, str]) -> None:
     """It has the start time of the result that it was accepted for, and either key may come first."""
