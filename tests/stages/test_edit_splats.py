@@ -137,6 +137,14 @@ def test_splats_without_a_scene_are_added_by_their_own_extent(tmp_path: Path) ->
     assert (np.linalg.norm(new - [3, 0, 0], axis=1) < 0.1 + 1e-4).mean() == pytest.approx(0.9, abs=0.03)
 
 
+def test_a_part_of_splats_without_a_scene_is_given_by_their_own_extent(tmp_path: Path) -> None:
+    """Nine tenths of them are in the ball about their middle, wherever the rig of the other splats looks."""
+    scene, added = small.scene(tmp_path / "scene"), splats(tmp_path / "added")
+    ball = {"shape": "ellipsoid", "size": [2, 2, 2]}
+    before, after, _ = edited(tmp_path, [{"edit": "add", "only": ball}], scene=scene, added=added)
+    assert len(after) - len(before) == pytest.approx(0.9 * 60, abs=2)
+
+
 @pytest.mark.parametrize(
     ("edits", "message"),
     [

@@ -13,6 +13,7 @@ from pipeline.errors import UserError
 from pipeline.stage import run_stage
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.hiding.key import APART, KEY_BYTES, generator_apart, key_apart, key_generator, write_key
+from stages.hiding.watermark.coins import thrown
 from tests.stages.small import message_views, scene
 
 
@@ -32,6 +33,12 @@ def test_every_byte_counts(tmp_path: Path) -> None:
     assert len(of_seals) == KEY_BYTES + 1
     assert of_seals.isdisjoint(keys), "who has a seal's key does not have the whole key"
     assert drawn[0] == int(key_generator(key_of(tmp_path / "again", keys[0]), 7).integers(2**62)), "whatever the seed"
+
+
+def test_what_a_key_drew_earlier_it_draws_again(tmp_path: Path) -> None:
+    """A published grain is found by the coins of its key, whichever version added it."""
+    coins = thrown(16, key_generator(key_of(tmp_path, bytes(range(KEY_BYTES))), 0))
+    assert "".join("+" if coin > 0 else "-" for coin in coins) == "-++++-------++-+"
 
 
 def test_a_key_of_another_length_is_refused(tmp_path: Path) -> None:

@@ -6,14 +6,17 @@ import numpy as np
 import pytest
 import torch
 
+from stages.hiding import placing
 from stages.hiding.method import build_method
-from stages.hiding.placing import clear_coverage, clear_depth, coverage_score, shrunken
+from stages.hiding.placing import clear_coverage, clear_depth, coverage_score, place, shrunken
 from stages.hiding.rendering import COVER
 from stages.scene.alignment import nearest_depth
 from stages.scene.cameras import Cameras
 from stages.scene.gaussians import Gaussians, gaussians_at
 from stages.scene.message_views import LEGAL_COVERAGE
 from stages.scene.scene import Scene
+from stages.scene.similarity import Similarity
+from tests.stages.scene.rigs import arc, moved
 
 SIZE = (32, 24)
 
@@ -86,3 +89,45 @@ def test_surfaces_count_from_half_the_depth_of_what_a_message_shows() -> None:
     points, pictures = wall(5.0).astype(np.float32), np.zeros((1, SIZE[1], SIZE[0], 3), np.uint8)
     message = Scene(camera_at(0), pictures, points, np.zeros(points.shape, np.uint8), ())
     assert clear_depth(message) == pytest.approx(2.5)
+
+
+def scene_of(cameras: Cameras, points: np.ndarray) -> Scene:
+    pictures = np.zeros((len(cameras), cameras.height, cameras.width, 3), np.uint8)
+    return Scene(cameras, pictures, points.astype(np.float32), np.zeros(points.shape, np.uint8), cameras.names[:1])
+
+
+def placed(message: Scene, cover: Scene, monkeypatch: pytest.MonkeyPatch) -> tuple[Similarity, Cameras, set[float]]:
+    """The first candidate, which wins among equals, the cameras that it was seen from, and depths that counted."""
+    seen: list[Cameras] = []
+    counted = set()
+
+    def alike(gaussians: Gaussians, cameras: Cameras, width: int, clear_from: float) -> np.ndarray:
+        seen.append(cameras)
+        counted.add(clear_from)
+        return np.ones(len(cameras), np.float32)
+
+    monkeypatch.setattr(placing, "clear_coverage", alike)
+    similarity = place(opaque(message.points), message, cover, 16, lambda *_: None)
+    return similarity, seen[0], counted
+
+
+def test_a_cover_that_was_taken_as_the_message_was_sees_it_as_its_photos_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    points = np.random.default_rng(0).uniform(-1, 1, (300, 3))
+    own = arc(np.zeros(3), views=5, degrees=90.0)
+    away = Similarity(3.0, np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), np.array([5.0, 6, 7]))
+    message, cover = scene_of(own, points), scene_of(moved(own, away), away.points(points))
+    _, seen, counted = placed(message, cover, monkeypatch)
+    np.testing.assert_allclose(seen.centres(), own.centres(), atol=0.05)
+    assert counted == {clear_depth(message)}, "in the message's units"
+    assert clear_depth(message) > 1
+
+
+def test_a_cover_whose_cameras_look_side_by_side_looks_as_far_as_its_points_lie(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    poses[:, 0, 3] = [-0.2, 0.0, 0.2]
+    side_by_side = Cameras(("a", "b", "c"), poses, np.tile(camera_at(0).intrinsics, (3, 1, 1)), *SIZE)
+    message = scene_of(arc(np.zeros(3), views=5), np.random.default_rng(0).uniform(-1, 1, (300, 3)))
+    near, far = (placed(message, scene_of(side_by_side, wall(depth)), monkeypatch)[0] for depth in (5.0, 10.0))
+    assert far.scale == pytest.approx(2 * near.scale, rel=0.01)

@@ -7,8 +7,11 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
+from stages.hiding import placing_alone
 from stages.hiding.method import build_method
 from stages.hiding.placing_alone import (
+    DISTANCES,
+    TILTS,
     TURNS,
     direction_of,
     middle_and_radius,
@@ -115,3 +118,40 @@ def test_blurred_and_near_gaussians_count_nothing_but_hide() -> None:
     both = gaussians_of(np.concatenate([wall, [[0.0, 0.0, 3.0]]]), opacity=9.0)
     both.parameters["log_scales"][-1] = 2.0
     assert float(sharp_coverage(both, camera, 32, 1.0)[0]) < 0.1
+
+
+def test_among_equals_the_farthest_and_most_level_wins(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No candidate looks less steeply than the cover does, and what counts as fog grows with the splats."""
+    cover, own = arc(TARGET, views=5, degrees=30.0, height=1.0), np.degrees(np.arctan2(1.0, 4.0))
+    places: list[np.ndarray] = []
+    fog = set()
+
+    def alike(gaussians: Gaussians, cameras: Cameras, width: int, clear_from: float) -> np.ndarray:
+        fog.add(clear_from)
+        places.append(cameras.centres())
+        return np.ones(len(cameras), np.float32)
+
+    def steepness(away: np.ndarray) -> float:
+        return float(np.degrees(np.arcsin(away[:, 2] / np.linalg.norm(away, axis=1))).mean() - own)
+
+    monkeypatch.setattr(placing_alone, "sharp_coverage", alike)
+    splats = statue(direction_of("z"), np.zeros(3))
+    middle, radius = middle_and_radius(splats)
+    placed = place_alone(splats, scene_of(cover), "z", 16, lambda *_: None)
+    away = cameras_in_message_world(cover, placed).centres() - middle
+    np.testing.assert_allclose(np.linalg.norm(away, axis=1), max(DISTANCES) * radius, rtol=0.02)
+    assert steepness(away) == pytest.approx(0, abs=3)
+    assert {10 * round(steepness(centres - middle) / 10) for centres in places} == set(TILTS)
+    larger = Gaussians(splats.parameters | {"means": 10 * splats.means})
+    place_alone(larger, scene_of(cover), "z", 16, lambda *_: None)
+    assert max(fog) == pytest.approx(10 * min(fog), rel=0.01)
+
+
+def test_broad_gaussians_outweigh_many_tiny_ones() -> None:
+    """A Gaussian is as visible as it is opaque and broad; how thin it is does not matter."""
+    broad = np.random.default_rng(0).normal([10.0, 0, 0], 0.1, size=(100, 3))
+    tiny = np.random.default_rng(1).normal([0.0, 0, 0], 0.1, size=(150, 3))
+    gaussians = gaussians_of(np.concatenate([broad, tiny]))
+    scales = torch.cat([torch.tensor([[1.0, 1e-4, 1.0]]).expand(100, 3), torch.full((150, 3), 0.1)])
+    gaussians.parameters["log_scales"] = scales.log()
+    np.testing.assert_allclose(middle_and_radius(gaussians)[0], [10, 0, 0], atol=0.2)

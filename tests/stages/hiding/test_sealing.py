@@ -220,6 +220,20 @@ def test_what_is_read_twice_leaves_room_for_a_seal() -> None:
     assert can_be_sealed(method)
 
 
+def test_what_the_message_decoder_hardly_reads_is_not_expected_far_away() -> None:
+    """One of its readings is that of the scene decoder, but for next to nothing."""
+    method, axes = homogeneous(), torch.eye(16)
+    readings = axes[9:].clone()
+    readings[0] = axes[1] + 1e-9 * axes[9]
+    method.scene_decoder.look_along(axes[:1], axes[None, 1:8])
+    method.message_decoder.look_along(axes[8:9], readings[None])
+    gaussians = some_gaussians(method, 300, 1.0)
+    made = Seal.made(gaussians, method, KEY)
+    assert made.expected.farthest.max() < 10
+    back = made.opened(made.published, torch.arange(300))
+    torch.testing.assert_close(centred(back), centred(gaussians), rtol=0, atol=1e-5)
+
+
 @pytest.mark.parametrize("count", [0, 1])
 def test_none_and_one(count: int) -> None:
     method = homogeneous()
@@ -244,3 +258,6 @@ def test_what_was_published_earlier_is_opened_by_later_versions() -> None:
     expected_features = torch.tensor([of_the_first, of_the_last]).double()
     torch.testing.assert_close(centred(opened)[[0, -1], 8:], expected_features, rtol=0, atol=2e-5)
     assert seal.signs() == 64 * b"\x55", "eight signs of each of 64 Gaussians, which a secret holds"
+    rising = torch.linspace(-1, 1, 5000)[:, None] * torch.ones(16)
+    of_all = Seal.of(gaussians_at(np.zeros((5000, 3)), {FEATURES: rising}), method, KEY, expected).signs()
+    assert of_all == 32 * b"\xff" + 32 * b"\x00", "evenly spread over all Gaussians"

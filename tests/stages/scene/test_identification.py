@@ -135,6 +135,13 @@ def test_of_values_that_many_share_few_are_looked_at_and_the_others_tell(
     assert max(copies) == PAIRED
 
 
+def test_a_found_one_that_two_resemble_is_the_one_it_resembles_most() -> None:
+    published = scene(0)
+    alike = shaken(shaken(chosen(published, torch.arange(300)), "means", 1e-4), "log_scales", 1e-3)
+    rows = identified(published, joined(alike, published), 0)
+    assert right(rows, np.concatenate([np.full(300, MISSING), np.arange(COUNT)])) > 0.99
+
+
 @pytest.mark.parametrize(("found", "published"), [(0, 5), (5, 0), (0, 0), (1, 1), (3, 1500), (1500, 3), (12, 12)])
 def test_few_or_none_are_no_fault(found: int, published: int) -> None:
     rows = identified(scene(1, found), scene(0, published), 0)

@@ -53,3 +53,5 @@ def test_without_saturation_all_is_grey_and_a_full_tint_leaves_its_shades() -> N
     np.testing.assert_allclose(matrix(saturation=0.0) @ colour, LUMINANCE @ colour, atol=1e-12)
     tinted = matrix(tint=(1.0, 0.5, 0.0), strength=1.0) @ colour
     np.testing.assert_allclose(tinted, (LUMINANCE @ colour) * np.array([1.0, 0.5, 0.0]), atol=1e-12)
+    others = matrix(hue=90.0, saturation=3.0, tint=(1.0, 0.5, 0.0), strength=1.0) @ colour
+    np.testing.assert_allclose(others, tinted, atol=2e-3, err_msg="whatever else is done to hues")

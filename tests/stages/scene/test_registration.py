@@ -226,18 +226,33 @@ def test_seeds_repeat() -> None:
     assert np.array_equal(once.found, again.found)
 
 
-@pytest.mark.parametrize("expected", [Similarity.identity(), motion(6)])
-def test_places_shared_with_another_training_do_not_make_it_yours(expected: Similarity) -> None:
+@pytest.mark.parametrize("share", [0.5, 0.7])
+@pytest.mark.parametrize("expected", [Similarity.identity(), motion(6), motion(6, 3.0)])
+def test_places_shared_with_another_training_do_not_make_it_yours(expected: Similarity, share: float) -> None:
     """Trainings from the same photos start from the same points; what a copy has beside them is its shapes."""
     published = scene(0)
-    half = torch.arange(COUNT) < 0.5 * COUNT
-    means = torch.where(half[:, None], published.means, scene(3).means)
+    shared = torch.arange(COUNT) < share * COUNT
+    means = torch.where(shared[:, None], published.means, scene(3).means)
     trained = Gaussians(scene(3).parameters | {"means": means})
     registration = register(trained, published, 0)
     assert registration is not None
-    assert registration.matched == pytest.approx(0.5, abs=0.01)
+    assert registration.matched == pytest.approx(share, abs=0.01)
     assert not registration.is_certain
     copied = Gaussians(published.parameters | {"means": means})
     assert check(register(moved(copied, expected), published, 0), expected).is_certain
     reshaped = Gaussians(scene(3).parameters | {"means": published.means})
     assert check(register(reshaped, published, 0), Similarity.identity()).is_certain, "all of its places are"
+
+
+@pytest.mark.parametrize(("share", "is_certain"), [(0.05, False), (0.15, True)])
+def test_a_tenth_of_shapes_beside_shared_places_makes_it_yours(share: float, is_certain: bool) -> None:
+    """A few shapes may be alike by chance, or because neither training has changed them."""
+    published, trained = scene(0), scene(3)
+    rows = torch.arange(COUNT)
+    shared, copied = rows < 0.5 * COUNT, rows < 0.5 * share * COUNT
+    places = {"means": torch.where(shared[:, None], published.means, trained.means)}
+    sizes = {"log_scales": torch.where(copied[:, None], published["log_scales"], trained["log_scales"])}
+    opacities = {"logit_opacities": torch.where(copied, published["logit_opacities"], trained["logit_opacities"])}
+    registration = register(Gaussians(trained.parameters | places | sizes | opacities), published, 0)
+    assert registration is not None
+    assert registration.is_certain == is_certain

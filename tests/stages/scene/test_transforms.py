@@ -78,6 +78,13 @@ def test_a_frames_own_angle_comes_before_the_focal_length_of_all(tmp_path: Path)
     assert photo.lens.parameters[:2] == pytest.approx((25.0, 110.0))
 
 
+def test_a_focal_length_in_pixels_comes_before_the_angle_beside_it(tmp_path: Path) -> None:
+    """Files often have both; the angle is that of a picture without distortion."""
+    shared = {"fl_x": 100.0, "fl_y": 110.0, "camera_angle_x": 0.4, "camera_angle_y": 0.4}
+    path = write(tmp_path, [{"file_path": "a.png", "transform_matrix": MATRIX}], w=50, h=40, **shared)
+    assert read_transforms(path, size_of)[0].lens.parameters[:2] == (100.0, 110.0)
+
+
 @pytest.mark.parametrize(
     ("given", "model", "distortion"),
     [
@@ -107,6 +114,7 @@ def test_lens_models(tmp_path: Path, given: dict, model: str, distortion: tuple)
         ({"file_path": "bad.png", "transform_matrix": [[1, 2], [3, 4]]}, "shape"),
         ({"file_path": "bad.png", "transform_matrix": np.zeros((4, 4)).tolist()}, "no rotation"),
         ({"file_path": "bad.png", "transform_matrix": np.diag([1, 1, -1, 1]).tolist()}, "no rotation"),
+        ({"file_path": "bad.png", "transform_matrix": np.diag([1.1, 1.1, 1.1, 1]).tolist()}, "no rotation"),
         ({"file_path": "bad.png", "transform_matrix": MATRIX, "fl_x": -3}, "not positive"),
         ({"file_path": "bad.png", "transform_matrix": MATRIX, "camera_model": "ODD"}, "ODD"),
         ({"file_path": "bad.png", "transform_matrix": MATRIX, "latlong": True}, "camera_model latlong"),

@@ -107,6 +107,13 @@ def test_it_is_known_whether_the_maximum_kept_any_from_growing(maximum: int, lim
     assert control.limited == limited
 
 
+def test_what_no_view_has_seen_takes_no_place_under_the_maximum() -> None:
+    rendering = seen_with_gradients([2e-3, 5e-3, 0.0], radii=[3, 3, 0])
+    gaussians = refined(optimizer_with([0.01, 0.01, 0.01]), rendering, maximum_gaussians=4)
+    assert len(gaussians) == 4
+    assert torch.equal(gaussians.means[3], gaussians.means[1])
+
+
 def test_unseen_views_do_not_dilute_the_gradient() -> None:
     optimizer = optimizer_with([0.01])
     control = DensityControl(DensitySettings(), EXTENT, 1)
@@ -153,6 +160,13 @@ def test_short_trainings_have_no_opacity_resets() -> None:
     schedule = density_schedule(12_000)
     assert not any(schedule.resets_opacity_at(iteration) for iteration in range(1, 12_001))
     assert density_schedule(15_000).resets_opacity_at(1_500)
+
+
+def test_short_trainings_refine_every_50_iterations_at_the_most() -> None:
+    """A mean gradient over fewer views says nothing."""
+    schedule = density_schedule(3_000)
+    refined_at = [iteration for iteration in range(1, 3_001) if schedule.densifies_at(iteration)]
+    assert refined_at == list(range(100, 1_501, 50))
 
 
 def test_the_position_rate_decays_exponentially() -> None:

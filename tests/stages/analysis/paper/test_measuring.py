@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from stages.analysis.paper.measuring import Measured, MeasuredErrors, Noise, Spread, cover, measure, message, noise
-from stages.analysis.paper.relations import OnEachCapture, Relation
+from stages.analysis.paper.relations import OnEachCapture, Relation, relations_grid
 from stages.analysis.paper.runs import Run
 from stages.imaging.metric_table import MetricRow
 
@@ -77,6 +77,7 @@ def test_noise_is_pooled_over_what_differs_in_seed_alone() -> None:
     assert found.count == 5
     assert noise([run(24.0), replace(run(26.0), settings=(("lambda_message", 1.0),))], PSNR).count == 0
     assert math.isnan(noise(runs[-1:], PSNR).deviation)
+    assert noise([*runs, run(math.inf)], PSNR) == found, "a picture without an error tells no noise"
 
 
 def test_what_has_the_same_seed_tells_no_noise() -> None:
@@ -136,6 +137,12 @@ def relation(values: list[float], bound: float = 0.0, noise: float = math.nan, s
 )
 def test_verdicts(found: Relation, verdict: str) -> None:
     assert found.verdict == verdict
+
+
+@pytest.mark.parametrize(("value", "written"), [(0.01, "+0.01 dB"), (-0.01, "-0.01 dB"), (-0.001, "0.00 dB")])
+def test_a_difference_that_rounds_to_nothing_has_no_sign(value: float, written: str) -> None:
+    [line] = relations_grid([("", relation([value]))], ["0"]).lines
+    assert line.cells[1].text == written
 
 
 @pytest.mark.parametrize(

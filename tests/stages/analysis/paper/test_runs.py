@@ -20,7 +20,7 @@ from stages.analysis.paper.published import read_published
 from stages.analysis.paper.runs import Columns, Experiment, Study, by_method, method_title, read_study
 from stages.imaging.metric_table import MetricRow
 from tests.stages.analysis.paper import synthetic
-from tests.stages.analysis.paper.synthetic import image_rows, metrics, scene_rows
+from tests.stages.analysis.paper.synthetic import image_rows, metrics, picture_rows, scene_rows
 
 
 def read(items: list[Item], timings: list[Item] | None = None) -> Study:
@@ -51,11 +51,31 @@ def test_the_reference_of_several_methods_is_one_run(tmp_path: Path) -> None:
     assert sorted(run.method for run in study.runs) == ["gs_hider", "plain", "sh"]
 
 
+def test_of_a_reference_that_was_scored_more_and_less_fully_the_fuller_one_counts(tmp_path: Path) -> None:
+    full = scene_rows("fox", "gs_hider", messages=("reef",))
+    less = [row for row in scene_rows("fox", "sh", messages=("reef",)) if row.quantity != "ssim"]
+    items = [item(tmp_path, "less", less, capture="fox"), item(tmp_path, "full", full, capture="fox")]
+    for given in (items, items[::-1]):
+        [plain] = [run for run in read(given).runs if run.method == "plain"]
+        assert "ssim" in {row.quantity for row in plain.rows}
+
+
 def test_references_of_several_seeds_are_several_runs(tmp_path: Path) -> None:
     study = read(list(synthetic.fidelity_items(tmp_path)))
     plain = [run for run in study.runs if run.method == "plain" and run.capture == "fox"]
     assert len(plain) == 3
     assert len([run for run in study.runs if run.method == "plain"]) == 5
+
+
+def test_references_differ_in_their_seeds_alone_whatever_is_hidden_beside_them(tmp_path: Path) -> None:
+    """What plain 3DGS shows of a message is a control, and no message of its own."""
+    items = []
+    for seed, name in enumerate(("reef", "library")):
+        rows = scene_rows("fox", "gs_hider", seed, messages=(name,)) + picture_rows("plain", 12.0, name)
+        values = {"capture": "fox", "method": "gs_hider", "message": name, "seed": seed}
+        items.append(item(tmp_path, name, rows, **values))
+    plain = [run for run in read(items).runs if run.method == "plain"]
+    assert [(run.seed, run.messages, run.other) for run in plain] == [("0", (), ()), ("1", (), ())]
 
 
 def test_settings_are_what_is_unusual(tmp_path: Path) -> None:
