@@ -1,4 +1,7 @@
-"""`edit_splats`: recolour a scene, remove or add an object, to make a message of the cover itself, as in the paper."""
+"""`edit_splats`: recolour a scene, remove or add an object, to make a message of the cover itself, as in the paper.
+
+The paper's edits are by GaussianEditor, from words; these are by colour and by region.
+"""
 
 from __future__ import annotations
 

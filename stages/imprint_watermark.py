@@ -1,7 +1,8 @@
 """`imprint_watermark`: tune a container and the watermark decoder together, so that renders show the watermark.
 
-Our alternative to the paper's RTWS (`finetune_rtws`, then `tune_watermark_decoder`): hardly anything of watermarked
-photos reaches the Gaussians that are fitted to them, and a decoder tuned afterwards learns to tell renders from photos.
+Our alternative to the paper's RTWS (`finetune_rtws`, then `tune_watermark_decoder`). Where that was measured (3DGS, the
+fox: `workflows/figures/rtws.md`), hardly anything of watermarked photos reached the Gaussians that were fitted to them,
+and the decoder tuned afterwards learned to tell renders from photos.
 """
 
 from __future__ import annotations

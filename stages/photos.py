@@ -52,7 +52,7 @@ class PhotosParameters(Parameters):
         None,
         pattern=r"^[^/\\.][^/\\]*$",
         description="Subfolder of `folder` that holds the photos, such as images_4: Mip-NeRF 360 comes in several "
-        "sizes. The paper trains at a quarter of the size outdoors (images_4) and at half of it indoors (images_2). "
+        "sizes. 3DGS trains at a quarter of the size outdoors (images_4) and at half of it indoors (images_2). "
         "By default, the photos in `folder` itself, or those in images if it has more, else those in subfolders of "
         "images. Not allowed with a transforms_train.json, whose frames name their photos.",
     )

@@ -22,7 +22,7 @@ FEATURE_RANGE = (0.02, 0.98)
 """Initial activated features stay within this range, where the sigmoid still has a gradient."""
 
 FEATURE_RATE = 2.5e-3
-"""Adam's learning rate of features, as in the released code."""
+"""Adam's learning rate of features, as in the released code, where no other is given: hiding has `feature_rate`."""
 
 FEATURES = "raw_features"
 """The attribute that all these methods add: f_i before its activation. Like the released code, we activate it with a

@@ -106,13 +106,13 @@ def decode(
 ) -> Float[Tensor, "H W C"]:
     """D(F_coup) of Eq. 5: unclamped float32, channels last.
 
-    `tf32` is for NVIDIA GPUs, where it is torch's default for convolutions and so what the released code trains with:
-    all convolutions multiply numbers with a 10-bit mantissa, forward and backward, and sum in float32. On other devices
-    it equals float32. Both decoders of an iteration, forward and backward, at 1600 x 1060 pixels on an H100: 326 ms in
-    float32, 148 in bfloat16, 93 in TF32 (M = 16; with M = 32: 260, 98 and 55; `tests/benchmarks/nvidia.py`). Emulated
-    on the CPU (`tests/benchmarks/decoder_precision.py`), fox hiding kitchen, 600 iterations of GS-Hider, two seeds,
-    TF32 changes the cover by -0.04 ± 0.12 and the message by +0.02 ± 0.07 dB on training views, and by +0.05 ± 0.16 and
-    -0.10 ± 0.13 dB on test views.
+    `tf32` is for NVIDIA GPUs, where it is torch's default for convolutions and so probably what the released code
+    trains with: all convolutions multiply numbers with a 10-bit mantissa, forward and backward, and sum in float32. On
+    other devices it equals float32. Both decoders of an iteration, forward and backward, at 1600 x 1060 pixels on an
+    H100: 326 ms in float32, 148 in bfloat16, 93 in TF32 (M = 16; with M = 32: 260, 98 and 55;
+    `tests/benchmarks/nvidia.py`). Emulated on the CPU (`tests/benchmarks/decoder_precision.py`), fox hiding kitchen,
+    600 iterations of GS-Hider, two seeds, TF32 changes the cover by -0.04 ± 0.12 and the message by +0.02 ± 0.07 dB on
+    training views, and by +0.05 ± 0.16 and -0.10 ± 0.13 dB on test views.
 
     `bfloat16` runs all convolutions but the first and the last in bfloat16, forward and backward, with float32 sums and
     weights that are optimised in float32. It is for GPUs, and for CPUs that multiply matrices of bfloat16 (AMX): on one

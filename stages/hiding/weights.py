@@ -19,7 +19,7 @@ Weights = Mapping[str, Float32[np.ndarray, "..."]]
 SUFFIX = ".safetensors"
 LENGTH_BYTES = 8
 LARGEST_HEADER = 2**20  # bytes: thousands of weights; the library itself would accept a hundred million bytes
-LARGEST_FILE = 2**30  # bytes; the paper's decoders take half a million
+LARGEST_FILE = 2**30  # bytes; the released code's decoders take half a million
 EXPECTED = "the weights of one network, all of type F32"
 REMEDY = "Fetch the file again where it came from."
 

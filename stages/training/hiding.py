@@ -96,7 +96,7 @@ class HidingParameters(TrainingParameters):
     precision: Precision = Field(
         "float32",
         description="Precision of the decoders. tf32: on NVIDIA GPUs, all convolutions multiply with 10-bit "
-        "mantissas, as in the released code; elsewhere float32. bfloat16: all but the first and last convolution, "
+        "mantissas, as is torch's default there; elsewhere float32. bfloat16: all but the first and last convolution, "
         "meant for GPUs; slower on CPUs, and messages lose 0.1 to 0.2 dB. Each is bit-reproducible for a fixed number "
         "of threads.",
     )

@@ -1,10 +1,11 @@
 """Imprinting: Gaussians' features and a watermark decoder are optimised jointly until renders show the watermark.
 
-RTWS (the paper's appendix A) fits Gaussians to watermarked photos and tunes the decoder afterwards; hardly anything of
-the watermark reaches the Gaussians. WateRF (Jang et al., CVPR 2024) and its successors propagate a decoder's gradient
-through renders to the scene representation. Here, the decoder learns at the same time, and also learns to show black
-for renders from before. Features start with a coarse grain, which a decoder soon detects. Then the grain fades and the
-bound on changes of renders decreases, while features and decoder adapt.
+RTWS (the paper's appendix A) fits Gaussians to watermarked photos and tunes the decoder afterwards; as far as measured
+(3DGS, the fox: `rtws.md`), hardly anything of the watermark reaches the Gaussians. WateRF (Jang et al., CVPR 2024) and
+its successors propagate a decoder's gradient through renders to the scene representation. Here, the decoder learns at
+the same time, and also learns to show black for renders from before. Features start with a coarse grain, which a
+decoder soon detects. Then the grain fades and the bound on changes of renders decreases, while features and decoder
+adapt.
 """
 
 from __future__ import annotations

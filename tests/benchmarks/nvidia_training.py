@@ -42,7 +42,7 @@ class Size:
 
 
 WHOLE = Size(points=5000, width=200, height=132, feature_dim=16, layers=5, decoder_width=64)
-"""Like the trainings of the CPU profile, whose decoders are as wide as the paper's."""
+"""Like the trainings of the CPU profile, whose decoders are as wide as the released code's."""
 
 OURS = replace(WHOLE, decoder_width=32, kernel_size=1)
 """With the decoders that `homogeneous` has by default."""

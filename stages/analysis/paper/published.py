@@ -1,4 +1,4 @@
-"""The paper's tables, read from `published.yaml`, and where they contradict themselves."""
+"""The paper's tables, read from `published.yaml`, and which of their averages are not those of their rows."""
 
 from __future__ import annotations
 
