@@ -13,7 +13,7 @@ from stages.analysis.paper.measuring import Measured
 from stages.analysis.paper.runs import Experiment
 
 COMPARED = (OURS, GS_HIDER)
-"""Curves are compared up to the largest loss of the cover that the curves of both of these methods reach."""
+"""Curves are compared up to the largest loss of the cover that all curves of these methods reach, with any settings."""
 
 SEALED = "sealed"
 """The setting of a container that is attacked as it is published, sealed; see `stages.seal`."""
@@ -36,10 +36,9 @@ class Attacked:
         """Titles of the methods."""
         return tuple(map(title_of, self.by_method))
 
-    @property
-    def ours(self) -> tuple[str, ...]:
-        """The keys of `by_method` that are our method, with any settings."""
-        return tuple(method for method, group in self.by_method.items() if group[0].method == OURS)
+    def kinds(self, *methods: str) -> tuple[str, ...]:
+        """The keys of `by_method` that are one of these methods, with any settings, sealed or not."""
+        return tuple(key for key, group in self.by_method.items() if group[0].method in methods)
 
     @property
     def is_any_sealed(self) -> bool:
@@ -48,7 +47,8 @@ class Attacked:
 
     def width(self, attack: AttackName) -> float:
         """The loss of the cover, in dB, that all curves of the compared methods reach, or of all if these have none."""
-        methods = [method for method in COMPARED if self._curves(method, attack)] or list(self.by_method)
+        compared = [method for method in self.kinds(*COMPARED) if self._curves(method, attack)]
+        methods = compared or list(self.by_method)
         reaches = [curve.reach for method in methods for curve in self._curves(method, attack)]
         return min(reaches, default=0.0)
 
