@@ -122,7 +122,7 @@ def _between(left: float, high: float, right: float, low: float, loss: float) ->
 
 @dataclass(frozen=True)
 class MeanPoint:
-    """Mean PSNR of cover and message, in dB, over curves at the same loss of each cover."""
+    """Mean PSNR of cover and message, in dB, over curves at the same share of the loss that each cover reaches."""
 
     cover: float
     message: float
@@ -130,10 +130,7 @@ class MeanPoint:
 
 @dataclass(frozen=True)
 class MeanCurve:
-    """The mean of several curves: before the attack, and at ascending losses of the cover that all of them reach.
-
-    The first loss is 0.
-    """
+    """The mean of several curves: before the attack, and at equal steps from no loss to the largest of each cover."""
 
     unattacked: MeanPoint
     points: tuple[MeanPoint, ...]
@@ -165,6 +162,24 @@ def readings(experiment: Experiment, attack: str, reading: Reading, is_floored: 
     return tuple(each.better_of(other) for each, other in zip(found, again, strict=True)) if again else found
 
 
+def mean_over_seeds(found: Sequence[Curve]) -> Curve:
+    """The curve of the mean PSNRs of cover and message over one container's curves, at least one, at each severity.
+
+    All seeds have the severities of the first, since an attacker chooses the severity and chance the rest. So a seed
+    that costs the cover little does not shorten the curve, and is not continued beyond what was measured of it. A seed
+    with which the cover can no longer be rendered does not count at that severity.
+    """
+    by_severity: dict[float, list[Point]] = {}
+    for curve in found:
+        for point in curve.publishable:
+            by_severity.setdefault(point.severity, []).append(point)
+    points = (
+        Point(severity, mean(point.cover for point in own), mean(point.message for point in own))
+        for severity, own in by_severity.items()
+    )
+    return Curve(found[0].unattacked, tuple(points))
+
+
 def _floors(experiment: Experiment) -> dict[str | None, float]:
     """PSNR of the best single colour for each message; empty if it was not measured."""
     rows = [row for row in experiment.rows if (row.quantity, row.condition) == (ONE_COLOUR, UNATTACKED)]
@@ -189,11 +204,11 @@ def _unattacked(experiment: Experiment, floors: Mapping[str | None, float]) -> P
 
 
 def average_curve(experiments: Iterable[Experiment], condition: str, read_as: str = "") -> MeanCurve | None:
-    """The mean over captures of the mean over seeds and trainings, at common losses of the cover; None without curves.
+    """The mean over captures of that over trainings, at equal shares of each cover's loss; None without curves.
 
-    Severities that were calibrated by what they cost the cover differ between captures, so curves have no points in
-    common. `read_as` is the condition of another reading of the messages, such as after registration; experiments
-    without it are left out.
+    Of each container, the curve is that of `mean_over_seeds`. Severities that were calibrated by what they cost the
+    cover differ between captures, so curves have no points in common, and they end at different losses. `read_as` is
+    the condition of another reading of the messages, such as after registration; experiments without it are left out.
     """
     by_capture: dict[str, list[Curve]] = {}
     for experiment in experiments:
@@ -202,22 +217,26 @@ def average_curve(experiments: Iterable[Experiment], condition: str, read_as: st
             again = curves(experiment, read_as)
             found = tuple(each.read_as(other) for each, other in zip(found, again, strict=True)) if again else ()
         if found:
-            by_capture.setdefault(experiment.capture, []).extend(found)
+            by_capture.setdefault(experiment.capture, []).append(mean_over_seeds(found))
     if not by_capture:
         return None
     groups = [*by_capture.values()]
-    reach = min(curve.reach for group in groups for curve in group)
-    losses = [reach * step / (POINTS - 1) for step in range(POINTS)] if reach > LEAST_LOSS else [0.0]
+    is_free = all(curve.reach <= LEAST_LOSS for group in groups for curve in group)
+    shares = [0.0] if is_free else [step / (POINTS - 1) for step in range(POINTS)]
 
     def average(figure: Callable[[Curve], float]) -> float:
         return mean(mean(map(figure, group)) for group in groups)
 
-    def at(loss: float) -> MeanPoint:
-        return MeanPoint(cover - loss, average(lambda curve: curve.message_at(loss)))
+    def at(share: float) -> MeanPoint:
+        return MeanPoint(
+            average(lambda curve: curve.unattacked.cover - share * curve.reach),
+            average(lambda curve: curve.message_at(share * curve.reach)),
+        )
 
-    cover = average(lambda curve: curve.unattacked.cover)
-    unattacked = MeanPoint(cover, average(lambda curve: curve.unattacked.message))
-    return MeanCurve(unattacked, tuple(map(at, losses)))
+    unattacked = MeanPoint(
+        average(lambda curve: curve.unattacked.cover), average(lambda curve: curve.unattacked.message)
+    )
+    return MeanCurve(unattacked, tuple(map(at, shares)))
 
 
 def severities(experiments: Iterable[Experiment], condition: str) -> tuple[float, ...]:
@@ -240,6 +259,25 @@ def measured(
         known = [value for value in found if not math.isnan(value)]
         if known:
             spreads.setdefault(experiment.capture, []).append(spread(known))
+    return _by_capture(spreads)
+
+
+def message_left(
+    experiments: Iterable[Experiment], attack: str, reading: Reading, widths: Mapping[str, float]
+) -> Measured:
+    """What each container's mean curve leaves of the message up to its capture's width, in dB, by capture.
+
+    The deviation is that of the seeds' own curves, which continue level where they do not reach the width. `widths`
+    must have all captures of experiments in which the attack was measured.
+    """
+    spreads: dict[str, list[Spread]] = {}
+    for experiment in experiments:
+        if found := readings(experiment, attack, reading):
+            width = widths[experiment.capture]
+            left = mean_over_seeds(found).message_left(width)
+            if not math.isnan(left):
+                of_seeds = spread([curve.message_left(width) for curve in found])
+                spreads.setdefault(experiment.capture, []).append(replace(of_seeds, mean=left))
     return _by_capture(spreads)
 
 

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from stages.analysis.attacks.catalogue import AttackName
 from stages.analysis.page.material import GS_HIDER, OURS
-from stages.analysis.paper.attack_curves import Curve, Reading, curves, measured, most_to_lose
+from stages.analysis.paper.attack_curves import Reading, curves, mean_over_seeds, measured, message_left, most_to_lose
 from stages.analysis.paper.chapter import title_of
 from stages.analysis.paper.measuring import Measured
 from stages.analysis.paper.runs import Experiment
 
 COMPARED = (OURS, GS_HIDER)
-"""Curves are compared up to the largest loss of the cover that all curves of these methods reach, with any settings."""
+"""Curves are compared up to the largest loss of the cover that those of these methods reach, with any settings."""
 
 SEALED = "sealed"
 """The setting of a container that is attacked as it is published, sealed; see `stages.seal`."""
@@ -45,24 +45,27 @@ class Attacked:
         """Whether any container was sealed before it was attacked."""
         return any(SEALED in dict(group[0].settings) for group in self.by_method.values())
 
-    def width(self, attack: AttackName) -> float:
-        """The loss of the cover, in dB, that all curves of the compared methods reach, or of all if these have none."""
-        compared = [method for method in self.kinds(*COMPARED) if self._curves(method, attack)]
-        methods = compared or list(self.by_method)
-        reaches = [curve.reach for method in methods for curve in self._curves(method, attack)]
-        return min(reaches, default=0.0)
+    def widths(self, attack: AttackName) -> Mapping[str, float]:
+        """For each capture, the loss of the cover, in dB, that the mean curves of the compared methods all reach.
+
+        Where none of these has a curve, it is that of all methods; captures without any curve are left out.
+        """
+        compared = self.kinds(*COMPARED)
+        found = {}
+        for capture in self.captures:
+            reaches = self._reaches(compared, attack, capture) or self._reaches(self.by_method, attack, capture)
+            if reaches:
+                found[capture] = min(reaches)
+        return found
 
     def message_left(self, method: str, attack: AttackName, reading: Reading) -> Measured:
         """The message's mean PSNR, in dB: the area under the method's curve, over its width."""
-        width = self.width(attack)
-        return measured(self.by_method.get(method, ()), attack, reading, lambda curve: curve.message_left(width))
+        return message_left(self.by_method.get(method, ()), attack, reading, self.widths(attack))
 
     def message_lost(self, method: str, attack: AttackName, reading: Reading) -> Measured:
         """The message's PSNR before the attack minus `message_left`, in dB."""
-        width, experiments = self.width(attack), self.by_method.get(method, ())
-        return measured(
-            experiments, attack, reading, lambda curve: curve.unattacked.message - curve.message_left(width)
-        )
+        before = measured(self.by_method.get(method, ()), attack, reading, lambda curve: curve.unattacked.message)
+        return before.minus(self.message_left(method, attack, reading))
 
     def gain(self, method: str, attack: AttackName, reading: Reading, is_floored: bool = True) -> Measured:
         """The attacker's gain, the message's loss minus the cover's, in dB; `is_floored` as in `readings`."""
@@ -72,5 +75,11 @@ class Attacked:
         """The upper bound of gains: how far the message exceeded the best single colour, in dB."""
         return most_to_lose(self.by_method.get(method, ()))
 
-    def _curves(self, method: str, attack: AttackName) -> list[Curve]:
-        return [curve for each in self.by_method.get(method, ()) for curve in curves(each, attack)]
+    def _reaches(self, methods: Iterable[str], attack: AttackName, capture: str) -> list[float]:
+        """The reach of each container's mean curve on one capture, in dB."""
+        return [
+            mean_over_seeds(found).reach
+            for method in methods
+            for each in self.by_method[method]
+            if each.capture == capture and (found := curves(each, attack))
+        ]

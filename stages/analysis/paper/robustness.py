@@ -15,12 +15,12 @@ from stages.analysis.paper.attack_curves import POINTS, Reading, average_curve, 
 from stages.analysis.paper.attacked import Attacked
 from stages.analysis.paper.chapter import Chapter, title_of
 from stages.analysis.paper.grid import Cell, Grid, Line, average_cell, signed, some_of, without_empty_columns
-from stages.analysis.paper.measuring import Measured, Spread
+from stages.analysis.paper.measuring import Measured, Spread, mean
 from stages.analysis.paper.pruning_table import pruning_relations, pruning_table
 from stages.analysis.paper.published import Published
 from stages.analysis.paper.purification import floor_notes, purification
 from stages.analysis.paper.relations import Relation
-from stages.analysis.paper.runs import Experiment, Study, by_method
+from stages.analysis.paper.runs import Experiment, Study, by_method, capture_title
 
 WRITTEN = 0.005
 """In dB: smaller differences are not visible in the tables."""
@@ -30,12 +30,13 @@ POINT_HEADINGS = tuple(f"Point {number}" for number in range(1, POINTS + 1))
 CURVE_NOTE = (
     "At each loss of the cover, the attacker takes, among the severities that cost the cover no more, the one that "
     "leaves least of the message. So an attack that destroys the message and spares the cover is a vertical drop, and "
-    "counts over the whole width. A loss of the cover of up to 0.05 dB counts as none. The width is the largest loss "
-    "of the cover that all curves of GS-Hider and of ours reach, with any settings; if that is none, the figure is "
-    "what is left at no cost. Curves of other methods that reach less, such as 3DGS+SH and 3DGS+Decoder, continue "
-    "level, which favours these methods. A message that reads worse than the best single-colour picture is gone, and "
-    "an owner who sees it says so: it counts as such a picture. ±: over n seeds of the attack; for several captures, "
-    "that of their mean."
+    "counts over the whole width. A loss of the cover of up to 0.05 dB counts as none. All seeds of an attack have the "
+    "severities of the first: at each severity, cover and message are means over the seeds. On each capture, the width "
+    "is the largest loss of the cover that all curves of GS-Hider and of ours reach, with any settings; if that is "
+    "none, the figure is what is left at no cost. Curves of other methods that reach less, such as 3DGS+SH and "
+    "3DGS+Decoder, continue level, which favours these methods. A message that reads worse than the best single-colour "
+    "picture is gone, and an owner who sees it says so: it counts as such a picture. ±: over n seeds of the attack, "
+    "where the curve of a seed that reaches less continues level; for several captures, that of their mean."
 )
 
 READINGS: Mapping[Reading, str] = {
@@ -100,8 +101,7 @@ def _areas(attacked: Attacked, reading: Reading, sources: str) -> Grid:
             note = signed("psnr", -lost)
             left = attacked.message_left(method, attack, reading)
             cells.append(_cell(attack, first.method, left, attacked.captures, note))
-        width = attacked.width(attack)
-        lines.append(Line((ATTACKS[attack].title,), (*cells, Cell(f"{width:.2f} dB", "", Spread(width)))))
+        lines.append(Line((ATTACKS[attack].title,), (*cells, _width_cell(attacked.widths(attack)))))
     cells = [average_cell("psnr", _unattacked(group), attacked.captures) for group in attacked.by_method.values()]
     return Grid(
         f"What is left of the message, {READINGS[reading]}: PSNR (dB), averaged over the cover's loss",
@@ -110,6 +110,7 @@ def _areas(attacked: Attacked, reading: Reading, sources: str) -> Grid:
         (Line(("No attack",), (*cells, Cell(""))), *lines),
         (
             CURVE_NOTE,
+            *_smallest_width(attacked),
             "Second figures: difference from what was read before the attack. A method that starts with a better "
             "message can lose more of it and still have more left.",
             *_lost_by_ours(attacked, reading),
@@ -117,6 +118,23 @@ def _areas(attacked: Attacked, reading: Reading, sources: str) -> Grid:
             f"All figures: means over test views, from the measurements of {sources}.",
         ),
     )
+
+
+def _width_cell(widths: Mapping[str, float]) -> Cell:
+    """The smallest and the largest width of any capture; as a figure for other programs, their mean."""
+    ends = dict.fromkeys(f"{width:.2f}" for width in (min(widths.values()), max(widths.values())))
+    return Cell(f"{' to '.join(ends)} dB", "", Spread(mean(widths.values())))
+
+
+def _smallest_width(attacked: Attacked) -> Iterator[str]:
+    """In words, under which attack and on which capture curves are compared least far, if they are compared at all."""
+    found = (
+        (width, attack, capture) for attack in attacked.attacks for capture, width in attacked.widths(attack).items()
+    )
+    smallest = min(found, key=lambda each: each[0], default=None)
+    if smallest is not None:
+        width, attack, capture = smallest
+        yield f"The smallest width is {width:.2f} dB: {_sentence(attack)}, {capture_title(capture)}."
 
 
 def _notes(attacked: Attacked, reading: Reading) -> Iterator[str]:
@@ -233,9 +251,9 @@ def _points(attacked: Attacked) -> Grid:
         ("Severities", *POINT_HEADINGS),
         tuple(lines),
         (
-            "Means over captures and seeds at the same losses of each cover, from none to the largest that all of them "
-            "reach, interpolated along the lines that bound the areas, which join the measured points. Messages count "
-            f"as read, even where that is worse than one colour. Severities: {meanings}.",
+            "Means over captures at equal shares of the largest loss that each cover reaches, from none to all of it, "
+            "interpolated along the lines that bound the areas, which join the measured points, means over seeds. "
+            f"Messages count as read, even where that is worse than one colour. Severities: {meanings}.",
         ),
     )
 

@@ -17,6 +17,7 @@ from stages.analysis.paper.attack_curves import (
     Point,
     at_severity,
     average_curve,
+    mean_over_seeds,
     measured,
     most_to_lose,
     readings,
@@ -49,34 +50,53 @@ def test_captures_weigh_alike_however_often_each_was_trained() -> None:
     assert average_curve([], "noise") is None
 
 
-def test_captures_that_were_attacked_otherwise_are_averaged_where_their_covers_lose_as_much() -> None:
-    """Lines with slopes 1 and 3 average to slope 2 at any measured points, as far as both reach.
+def attacked(capture: str, slope: float, losses: list[list[float]], free: float = 0.0) -> Experiment:
+    """A container whose message loses `free` at no cost and `slope` for each dB of the cover's `losses`, by seed."""
+    rows = [Measurement("psnr", COVER, UNATTACKED), Measurement("psnr", MESSAGE, UNATTACKED, message="statue")]
+    for seed, own in enumerate(losses):
+        for number, loss in enumerate(own):
+            rows.append(Measurement("psnr", COVER - loss, "noise", number, seed))
+            left = MESSAGE - free - slope * loss
+            rows.append(Measurement("psnr", left, "noise", number, seed, message="statue"))
+            rows.append(Measurement("psnr", left + 1, restored("noise"), number, seed, message="statue"))
+    return Experiment(capture, "gs_hider", "0", tuple(rows), {})
+
+
+def test_captures_that_were_attacked_otherwise_are_averaged_at_equal_shares_of_what_their_covers_lose() -> None:
+    """Lines with slopes 1 and 3 up to 4 and 5 dB end at 4.5 dB on average, where messages have lost 4 and 15.
 
     A third curve loses 9 dB of its message at no cost, so the average starts 3 dB lower.
     """
-
-    def attacked(capture: str, slope: float, losses: list[float], free: float = 0.0) -> Experiment:
-        rows = [Measurement("psnr", COVER, UNATTACKED), Measurement("psnr", MESSAGE, UNATTACKED, message="statue")]
-        for number, loss in enumerate(losses):
-            rows.append(Measurement("psnr", COVER - loss, "noise", number, 0))
-            left = MESSAGE - free - slope * loss
-            rows.append(Measurement("psnr", left, "noise", number, 0, message="statue"))
-            rows.append(Measurement("psnr", left + 1, restored("noise"), number, 0, message="statue"))
-        return Experiment(capture, "gs_hider", "0", tuple(rows), {})
-
-    both = [attacked("fox", 1, [0.1, 0.2, 0.3, 4]), attacked("bonsai", 3, [1, 5])]
+    both = [attacked("fox", 1, [[0.1, 0.2, 0.3, 4]]), attacked("bonsai", 3, [[1, 5]])]
     averaged = average_curve(both, "noise")
     assert averaged is not None
     assert averaged.unattacked == MeanPoint(COVER, MESSAGE)
-    assert [point.cover for point in averaged.points] == pytest.approx([30, 29, 28, 27, 26])
-    assert [point.message for point in averaged.points] == pytest.approx([24, 22, 20, 18, 16])
+    shares = (0, 0.25, 0.5, 0.75, 1)
+    assert [point.cover for point in averaged.points] == pytest.approx([COVER - 4.5 * share for share in shares])
+    assert [point.message for point in averaged.points] == pytest.approx([MESSAGE - 9.5 * share for share in shares])
     registered = average_curve(both, "noise", restored("noise"))
     assert registered is not None
-    assert registered.points[-1].message == pytest.approx(17)
-    dropping = average_curve([*both, attacked("kitchen", 0, [0, 6], free=9)], "noise")
+    assert registered.points[-1].message == pytest.approx(MESSAGE - 9.5 + 1)
+    dropping = average_curve([*both, attacked("kitchen", 0, [[0, 6]], free=9)], "noise")
     assert dropping is not None
     assert (dropping.unattacked.message, dropping.points[0].message) == pytest.approx((24, 21))
     assert severities(both, "noise") == (0, 1, 2, 3)
+
+
+def test_one_seed_or_one_capture_that_loses_little_does_not_shorten_what_is_drawn() -> None:
+    seeds = average_curve([attacked("fox", 2, [[2, 4], [2, 4], [0.02, 0.04]])], "noise")
+    captures = average_curve([attacked("fox", 2, [[2, 4]]), attacked("bonsai", 2, [[0.02, 0.04]])], "noise")
+    for averaged, reach in ((seeds, 8.04 / 3), (captures, 4.04 / 2)):
+        assert averaged is not None
+        assert len(averaged.points) == 5
+        assert averaged.points[-1].cover == pytest.approx(COVER - reach)
+        assert averaged.points[-1].message == pytest.approx(MESSAGE - 2 * reach)
+
+
+def test_the_mean_over_seeds_is_taken_severity_by_severity_where_the_cover_can_be_rendered() -> None:
+    averaged = mean_over_seeds([curve((1, 2), (4, 8)), curve((2, 3), (math.nan, 20))])
+    assert averaged.unattacked == Point(0, COVER, MESSAGE)
+    assert averaged.points == (Point(0, COVER - 1.5, MESSAGE - 2.5), Point(1, COVER - 4, MESSAGE - 8))
 
 
 def test_a_straight_line() -> None:
