@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 
 SMALLEST_SHARE = 1e-4
 """The weakest severity that is tried, as a share of the strongest."""
@@ -16,7 +17,9 @@ TOLERANCE = 0.08
 def calibrated(damage: Callable[[float], float], aims: Sequence[float], strongest: float) -> tuple[float, ...]:
     """The severities at which the damage comes closest to each of `aims`, ascending and positive.
 
-    The first aim that `strongest` does not exceed gets `strongest`; larger aims get no severity.
+    If `strongest` does less than the largest aims, they give way to what it does and to smaller aims, as by `_reached`,
+    so that the curve has as many points. There are fewer only where damage jumps. If `strongest` does next to nothing,
+    there is no other.
 
     Damage is assumed to grow with severity, more or less. The bisection runs on a logarithmic scale, since what one
     attack does at a millionth of its strongest severity, another does at half. Measurements for one aim narrow the
@@ -30,13 +33,25 @@ def calibrated(damage: Callable[[float], float], aims: Sequence[float], stronges
             looked_at[severity] = math.inf if math.isnan(done) else done
         return looked_at[severity]
 
-    found: list[float] = []
-    for aim in sorted(aims):
-        if at(strongest) <= aim:
-            found.append(strongest)
-            break
-        found.append(_nearest(at, looked_at, aim, SMALLEST_SHARE * strongest))
-    return tuple(sorted(set(found)))
+    most = at(strongest)
+    if most <= TOLERANCE * min(aims):
+        return (strongest,)
+    found = {_nearest(at, looked_at, aim, SMALLEST_SHARE * strongest) for aim in _reached(aims, most) if aim < most}
+    return tuple(sorted(found | {strongest} if most <= max(aims) else found))
+
+
+def _reached(aims: Sequence[float], most: float) -> list[float]:
+    """As many aims as given, ascending: those below `most` or, if these are not all, also `most` and filled gaps.
+
+    What is filled is the middle of the widest gap between neighbours or below the first, again and again.
+    """
+    found = sorted(aim for aim in aims if aim < most)
+    if len(found) < len(aims):
+        found.append(most)
+    while len(found) < len(aims):
+        below, above = max(pairwise([0.0, *found]), key=lambda pair: pair[1] - pair[0])
+        found = sorted([*found, (below + above) / 2])
+    return found
 
 
 def _nearest(at: Callable[[float], float], looked_at: dict[float, float], aim: float, smallest: float) -> float:

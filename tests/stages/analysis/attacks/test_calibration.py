@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from stages.analysis.attacks.calibration import TOLERANCE, calibrated
@@ -21,16 +21,24 @@ def test_damage_is_what_was_aimed_at(power: float, strength: float) -> None:
         assert strength * severity**power == pytest.approx(aim, rel=TOLERANCE + 0.05)
 
 
-def test_what_cannot_be_reached_has_the_strongest_severity_for_its_last() -> None:
-    found = calibrated(lambda severity: 1.5 * severity, AIMS, strongest=0.9)
-    assert len(found) == 4
-    assert found[-1] == 0.9
+@given(most=st.floats(0.03, 4), power=st.floats(0.5, 3))
+@example(most=0.38, power=1)
+def test_as_many_severities_are_measured_however_little_the_strongest_does(most: float, power: float) -> None:
+    found = calibrated(lambda severity: most * severity**power, AIMS, strongest=1.0)
+    assert len(found) == len(AIMS)
+    assert found == tuple(sorted(set(found)))
+    assert found[-1] == 1.0
+
+
+def test_aims_out_of_reach_give_way_to_what_halves_the_widest_gaps() -> None:
+    found = calibrated(lambda severity: severity, AIMS, strongest=0.75)
+    assert found == pytest.approx([0.125, 0.25, 0.375, 0.5, 0.75], rel=TOLERANCE)
+    assert calibrated(lambda severity: severity, [0.7, 2.0], strongest=0.7) == pytest.approx((0.35, 0.7), rel=TOLERANCE)
 
 
 def test_harmless_attacks_are_measured_at_their_strongest() -> None:
-    assert calibrated(lambda severity: 0.0, AIMS, strongest=0.7) == (0.7,)
-    assert calibrated(lambda severity: -severity, AIMS, strongest=0.7) == (0.7,)
-    assert calibrated(lambda severity: severity, [0.7, 2.0], strongest=0.7) == (0.7,)
+    for slope in (0.0, -1.0, 0.01):
+        assert calibrated(lambda severity, slope=slope: slope * severity, AIMS, strongest=0.7) == (0.7,)
 
 
 def test_a_jump_is_met_from_its_nearer_side() -> None:
