@@ -76,9 +76,13 @@ def hides_one_scene(run: Run) -> bool:
 
 def size_note(runs: Sequence[Run]) -> str:
     """What the sizes include."""
+    included = "everything that is stored, including both decoders"
     if any(math.isnan(total_bytes(run)) and not math.isnan(published_bytes(run)) for run in runs):
-        return "Size: what is published, without the message decoder."
-    return "Size: everything that is stored, including both decoders."
+        included = "what is published, without the message decoder"
+    return (
+        f"Size: {included}, as arrays. PLY files of 3DGS, 3DGS+SH and 3DGS+Decoder have 12 bytes a Gaussian more, "
+        "three normals of zero."
+    )
 
 
 def _grid(quantity: str, split: str, runs: Sequence[Run], study: Study, tables: Published | None) -> Grid:

@@ -82,3 +82,9 @@ def test_sizes_that_are_not_of_all_captures_say_so(tmp_path: Path) -> None:
     covers = {line.names[0]: line.cells[:2] for line in grid.lines if line.names[1:] == ("Cover", HERE)}
     assert {cell.note for cell in covers["GS-Hider"]} == {"on 1 capture"}
     assert {cell.note for cell in covers["3DGS+SH"]} == {""}
+
+
+def test_sizes_are_said_to_be_of_arrays_and_what_files_have_besides(tmp_path: Path) -> None:
+    [note] = [note for note in first_table(hiding(tmp_path, PAPERS_MESSAGES)).notes if note.startswith("Size")]
+    assert "as arrays" in note
+    assert "12 bytes a Gaussian more" in note
