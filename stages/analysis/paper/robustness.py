@@ -238,7 +238,7 @@ def _points(attacked: Attacked) -> Grid:
         for method, group in attacked.by_method.items():
             curve = average_curve(group, attack)
             if curve is not None:
-                title, severe = _title(attacked, method, attack), _range(severities(group, attack))
+                title, severe = _title(attacked, method, attack), _severities(group, attack)
                 covers, messages = ([point.cover for point in curve.points], [point.message for point in curve.points])
                 for picture, stated, values in (("Cover", severe, covers), ("Message", "", messages)):
                     cells = [Cell(f"{value:.2f}", "", Spread(value)) for value in values]
@@ -253,7 +253,8 @@ def _points(attacked: Attacked) -> Grid:
         (
             "Means over captures at equal shares of the largest loss that each cover reaches, from none to all of it, "
             "interpolated along the lines that bound the areas, which join the measured points, means over seeds. "
-            f"Messages count as read, even where that is worse than one colour. Severities: {meanings}.",
+            "Messages count as read, even where that is worse than one colour. In brackets: how many severities were "
+            f"measured on each container, or on that with the fewest. Severities: {meanings}.",
         ),
     )
 
@@ -286,10 +287,12 @@ def _title(attacked: Attacked, method: str, attack: AttackName) -> str:
     return f"{title_of(method)} ({some})" if some else title_of(method)
 
 
-def _range(found: Sequence[float]) -> str:
-    """The smallest and the largest severity, as text."""
+def _severities(experiments: Sequence[Experiment], attack: AttackName) -> str:
+    """The smallest and the largest severity, and how many were measured on the container with the fewest, as text."""
+    found = severities(experiments, attack)
     ends = dict.fromkeys(f"{severity:.3g}" for severity in (*found[:1], *found[-1:]))
-    return " to ".join(ends)
+    fewest = min((len(own) for each in experiments if (own := severities([each], attack))), default=0)
+    return f"{' to '.join(ends)} ({fewest})"
 
 
 def _filled(cells: Sequence[Cell]) -> tuple[Cell, ...]:

@@ -284,8 +284,16 @@ def test_readings_after_registration_are_there_as_they_were_made(chapter: Chapte
 
 def test_severities_of_curves_are_of_all_that_was_measured(chapter: Chapter) -> None:
     found = written(chapter, "The points of the curves")
-    assert found["Random pruning", "GS-Hider · Cover"]["Severities"] == "0.05 to 0.25"
-    assert found["Channels permuted, scene decoder with them", "GS-Hider · Cover"]["Severities"] == "16"
+    assert found["Random pruning", "GS-Hider · Cover"]["Severities"] == "0.05 to 0.25 (4)"
+    assert found["Channels permuted, scene decoder with them", "GS-Hider · Cover"]["Severities"] == "16 (1)"
+
+
+def test_beside_severities_stands_how_many_were_measured_at_least_on_each_container(study: Study) -> None:
+    whole = [each for each in study.experiments if each.method == "gs_hider"]
+    fewer = replace(whole[0], rows=tuple(row for row in whole[0].rows if row.severity != 0.1))
+    chapter = robustness(Study((), experiments=(fewer, *whole[1:])), read_published())
+    found = written(chapter, "The points of the curves")
+    assert found["Random pruning", "GS-Hider · Cover"]["Severities"] == "0.05 to 0.25 (3)"
 
 
 def test_one_chart_an_attack_and_a_curve_a_method(chapter: Chapter) -> None:
