@@ -23,7 +23,14 @@ from tests.stages.test_stopping import Asking
 
 SMALL = {"iterations": 30, "decoder_width": 8, "feature_dim": 16, "message_points": 20}
 QUICK = {"cover_losses": (0.5,), "seeds": (0,), "reoptimised": (1, 2), "lpips": False}
-FEATURES = {"channel_dropping", "unread_directions", "channel_permutation", "feature_rotation", "compensated_rotation"}
+FEATURES = {
+    "channel_dropping",
+    "unread_directions",
+    "channel_permutation",
+    "feature_mixing",
+    "feature_rotation",
+    "compensated_rotation",
+}
 RENDERS = {"jpeg", "resizing"}
 SECOND_ATTACK = 7
 """Each severity has one look, and quantisation and stripping have five each."""

@@ -24,6 +24,7 @@ AttackName = Literal[
     "channel_dropping",
     "unread_directions",
     "channel_permutation",
+    "feature_mixing",
     "feature_rotation",
     "compensated_rotation",
     "reoptimisation",
@@ -119,6 +120,12 @@ ATTACKS: Mapping[AttackName, Description] = {
         "the scene decoder follows the channels, and the secret decoder cannot",
         needs=_NEEDS_FEATURES,
     ),
+    "feature_mixing": Description(
+        "Channels mixed, scene decoder with them",
+        "share of each channel that comes from another",
+        "the scene decoder follows the channels, and the secret decoder cannot",
+        needs=_NEEDS_FEATURES,
+    ),
     "feature_rotation": Description(
         "Feature rotation",
         "degrees",
@@ -128,7 +135,8 @@ ATTACKS: Mapping[AttackName, Description] = {
     "compensated_rotation": Description(
         "Feature rotation, scene decoder turned with it",
         "degrees",
-        "the scene decoder is turned with the features, and the secret decoder cannot be",
+        "the scene decoder is turned with the features, and the secret decoder cannot be; one that reads blended "
+        "features uncentred, as GS-Hider's does, cannot be turned exactly, which costs the cover",
         needs=_NEEDS_FEATURES,
     ),
     "reoptimisation": Description(

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import cast
 
 import torch
-from jaxtyping import Float64
+from jaxtyping import Float64, Int
 from torch import Tensor
 
 from stages.analysis.attacks.target import FollowsFeatures, Target
@@ -19,6 +19,8 @@ from stages.hiding.stored_features import FARTHEST, stored
 ANGLES = (5.0, 15.0, 30.0, 60.0, 90.0)
 DROPPED_SHARES = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 3 / 4)
 PERMUTED_SHARES = (1 / 8, 1 / 4, 1 / 2, 3 / 4, 1)
+MIXED_SHARES = (0.05, 0.1, 0.2, 0.3, 0.4)
+"""Shares of another channel; with 0.5, the scene decoder could no longer be adapted to an even number of channels."""
 
 
 def channel_counts(target: Target) -> Sequence[float]:
@@ -54,11 +56,25 @@ def channel_permutation(target: Target, channels: float, generator: torch.Genera
     rounding, with every scene decoder and whatever a pixel's opacity. The decoder must be a `FollowsFeatures`.
     """
     raw = target.gaussians[FEATURES]
-    chosen = torch.randperm(raw.shape[1], generator=generator)[: int(channels)]
-    order = torch.arange(raw.shape[1])
-    order[chosen] = chosen.roll(1)
+    order = _cycle(raw.shape[1], int(channels), generator)
     places = torch.eye(raw.shape[1], dtype=torch.float64)[order]
     return replace(target.with_parameters({FEATURES: raw[:, order]}), method=_reading(target.method, places.T))
+
+
+def feature_mixing(target: Target, share: float, generator: torch.Generator) -> Target:
+    """Replace this share of every activated channel by the next channel of a random cycle through all of them.
+
+    The attacker knows the container, including its scene decoder, whose rows r become r B⁻¹ with
+    B = (1 - share) I + share P, P a permutation. Features stay in (0, 1), and the rows of B sum to 1: the cover does
+    not change, with every scene decoder and whatever a pixel's opacity. A `share` below 0.5 can always be undone. A
+    single channel stays as it is. The decoder must be a `FollowsFeatures`.
+    """
+    activated = target.gaussians[FEATURES].double().sigmoid()
+    channels = activated.shape[1]
+    unit = torch.eye(channels, dtype=torch.float64)
+    mixing = (1 - share) * unit + share * unit[_cycle(channels, channels, generator)]
+    mixed = target.with_parameters({FEATURES: stored(activated @ mixing.T)})
+    return replace(mixed, method=_reading(target.method, torch.linalg.inv(mixing)))
 
 
 def feature_rotation(target: Target, degrees: float, generator: torch.Generator) -> Target:
@@ -78,7 +94,8 @@ def compensated_rotation(target: Target, degrees: float, generator: torch.Genera
     towards 0.5, and the decoder's rows grow by the same factor. With `homogeneous`, whose decoder reads features minus
     half the blended opacity, the cover does not change. GS-Hider's decoder reads the blended features themselves: the
     compensation is exact only where the opacity is 1, and not near the picture's border, where the convolutions pad
-    with zeros. The decoder must be a `FollowsFeatures`.
+    with zeros. So this attack costs GS-Hider's cover much by itself; `feature_mixing` costs it nothing. The decoder
+    must be a `FollowsFeatures`.
     """
     centred = target.gaussians[FEATURES].double().sigmoid() - 0.5
     turn = _turn(centred.shape[1], degrees, generator)
@@ -106,6 +123,14 @@ def _reading(method: Method, back: Float64[Tensor, "M M"]) -> Method:
     changed = copy.deepcopy(method)
     cast(FollowsFeatures, changed.networks["scene_decoder"]).read_along(back)
     return changed
+
+
+def _cycle(channels: int, moved: int, generator: torch.Generator) -> Int[Tensor, " M"]:
+    """An order of all channels in which so many random ones change places in a cycle, and the others stay."""
+    chosen = torch.randperm(channels, generator=generator)[:moved]
+    order = torch.arange(channels)
+    order[chosen] = chosen.roll(1)
+    return order
 
 
 def _turn(channels: int, degrees: float, generator: torch.Generator) -> Float64[Tensor, "M M"]:

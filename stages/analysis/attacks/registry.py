@@ -51,6 +51,9 @@ def attacks(reoptimised: Sequence[int]) -> Mapping[AttackName, Attack]:
         "channel_permutation": Attack(
             seeded(features.channel_permutation), features.permuted_counts, applies=_decoder_follows
         ),
+        "feature_mixing": Attack(
+            seeded(features.feature_mixing), lambda target: features.MIXED_SHARES, applies=_decoder_follows
+        ),
         "feature_rotation": Attack(seeded(features.feature_rotation), strongest=90.0, applies=_has_features),
         "compensated_rotation": Attack(
             seeded(features.compensated_rotation), lambda target: features.ANGLES, applies=_decoder_follows

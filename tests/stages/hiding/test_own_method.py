@@ -103,12 +103,13 @@ def test_it_is_trained_scored_and_attacked(tmp_path: Path, own: Path) -> None:
     inputs = {"container": made["container"], "secret": made["secret"], "cover": cover, "messages": (views,)}
     scores = run_stage(evaluate, EvaluateParameters(method="own", lpips="none"), inputs, tmp_path / "scores")["scores"]
     assert {row.method for row in read_rows(scores)} == {"own"}
-    features = ("channel_dropping", "unread_directions", "channel_permutation", "compensated_rotation", "rigid_motion")
+    turned = ("unread_directions", "channel_permutation", "feature_mixing", "compensated_rotation")
+    features = ("channel_dropping", *turned, "rigid_motion")
     quick = {"method": "own", "attacks": features, "cover_losses": (0.5,), "seeds": (0,), "lpips": False}
     attacked = run_stage(attack, AttackParameters.model_validate(quick), inputs, tmp_path / "attacked")["measurements"]
     conditions = {row.condition.partition(",")[0] for row in read_measurements(attacked)}
     assert {"channel_dropping", "rigid_motion"} <= conditions
-    assert not {"unread_directions", "channel_permutation", "compensated_rotation"} & conditions, "it cannot be turned"
+    assert not {*turned} & conditions, "it cannot be turned"
 
 
 def test_it_says_what_it_takes(own: Path) -> None:

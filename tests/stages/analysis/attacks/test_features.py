@@ -10,6 +10,7 @@ from stages.analysis.attacks.features import (
     channel_dropping,
     channel_permutation,
     compensated_rotation,
+    feature_mixing,
     feature_rotation,
     permuted_counts,
 )
@@ -85,6 +86,14 @@ def test_every_scene_decoder_forgives_permuted_channels(method: str, channels: f
     cover, message = changes(target, owner, attacked)
     assert cover < 1e-4
     assert message > 0.01
+
+
+@pytest.mark.parametrize("method", COUPLED)
+def test_every_scene_decoder_forgives_mixed_channels_where_opacities_blend_too(method: str) -> None:
+    target, owner = target_and_owner(method, opacity=-1.0)
+    cover, message = changes(target, owner, feature_mixing(target, 0.4, generator()))
+    assert cover < 1e-3
+    assert message > 0.05
 
 
 def test_dropped_channels() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from stages.analysis.attacks.features import channel_permutation, compensated_rotation
+from stages.analysis.attacks.features import channel_permutation, compensated_rotation, feature_mixing
 from stages.analysis.attacks.pruning import random_pruning
 from stages.analysis.attacks.restoring import restored_target
 from stages.analysis.attacks.rigid_motion import rigid_motion
@@ -48,6 +48,15 @@ def test_everything_at_once_costs_no_more_than_the_pruning(method: str) -> None:
     assert (shown(attacked, owner)[MESSAGE] - alone[MESSAGE]).abs().max() > 0.05
     after = shown(restored_target(attacked, target, 0), owner)
     assert all((after[name] - alone[name]).abs().max() < SAME for name in (COVER, MESSAGE))
+
+
+@pytest.mark.parametrize("method", COUPLED)
+def test_mixed_channels_are_told_apart_again(method: str) -> None:
+    target, owner = target_and_owner(method)
+    mixed = feature_mixing(target, 0.4, generator())
+    before = shown(target, owner)[MESSAGE]
+    assert (shown(mixed, owner)[MESSAGE] - before).abs().max() > 0.05
+    assert (shown(restored_target(mixed, target, 0), owner)[MESSAGE] - before).abs().max() < SAME
 
 
 def test_what_needs_no_restoring_is_the_attacked_target_itself() -> None:
