@@ -87,7 +87,9 @@ ATTACKS: Mapping[AttackName, Description] = {
         "the message's share of a feature is smaller than the cover's, so that the same noise is more to it",
     ),
     "quantisation": Description(
-        "Quantisation", "bits a value; 16: half precision", "the message's share of a feature is a few steps wide"
+        "Quantisation",
+        "bits a value, 16: half precision (positions always 16, in equal steps)",
+        "the message's share of a feature is a few steps wide",
     ),
     "cloning": Description(
         "Cloning", "share of the Gaussians, doubled", "doubled Gaussians of the cover hide what lies behind"

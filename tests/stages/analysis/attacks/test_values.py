@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
+from stages.analysis.attacks.catalogue import ATTACKS
 from stages.analysis.attacks.noise import noise
 from stages.analysis.attacks.quantisation import SEVERITIES, quantisation
 from stages.analysis.attacks.stripping import stripping
@@ -66,6 +67,13 @@ def test_half_precision() -> None:
     attacked = quantisation(target, 16).gaussians
     assert torch.equal(attacked["raw_features"], target.gaussians["raw_features"].half().float())
     assert (attacked.means - target.gaussians.means).abs().max() < 2 / 2**16, "positions are finer"
+
+
+def test_the_severity_says_that_positions_keep_16_bits_in_equal_steps() -> None:
+    target, _ = target_and_owner("gs_hider")
+    finest, coarsest = (quantisation(target, bits).gaussians.means for bits in (SEVERITIES[0], SEVERITIES[-1]))
+    assert torch.equal(finest, coarsest)
+    assert "positions always 16, in equal steps" in ATTACKS["quantisation"].severity
 
 
 def test_stripping_takes_what_3dgs_does_not_have() -> None:
