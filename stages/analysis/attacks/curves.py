@@ -43,18 +43,25 @@ class Assay:
         """
         if not attack.applies(self.target):
             return
-        first = attack.prepare(self.target, self.seeds[0], self.knowledge)
-        severities = self._severities(attack, first)
-        for seed in self.seeds if attack.random else self.seeds[:1]:
-            attacker = first if seed == self.seeds[0] else attack.prepare(self.target, seed, self.knowledge)
-            for severity in severities:
-                attacked = attacker(severity)
-                perceptual = self.perceptual if severity in attack.fixed and seed == self.seeds[0] else {}
-                found = self.scorer.figures(attacked, perceptual)
-                yield from self._rows(found, name, severity, seed)
-                if attacked.on_pictures is None:
-                    yield from self._rows(self._restored(attacked, found), restored(name), severity, seed)
-                self.after_each()
+        first, *others = self.seeds if attack.random else self.seeds[:1]
+        attacker = attack.prepare(self.target, first, self.knowledge)
+        severities = self._severities(attack, attacker)
+        yield from self._of_seed(name, attack, attacker, severities, first)
+        del attacker  # a training can fill a GPU: let none live while the next is prepared
+        for seed in others:
+            yield from self._of_seed(name, attack, attack.prepare(self.target, seed, self.knowledge), severities, seed)
+
+    def _of_seed(
+        self, name: str, attack: Attack, attacker: Attacker, severities: Sequence[float], seed: int
+    ) -> Iterator[Measurement]:
+        for severity in severities:
+            attacked = attacker(severity)
+            perceptual = self.perceptual if severity in attack.fixed and seed == self.seeds[0] else {}
+            found = self.scorer.figures(attacked, perceptual)
+            yield from self._rows(found, name, severity, seed)
+            if attacked.on_pictures is None:
+                yield from self._rows(self._restored(attacked, found), restored(name), severity, seed)
+            self.after_each()
 
     def _restored(self, attacked: Target, found: Figures) -> Figures:
         """The figures after the owner's restoration, without perceptual ones; those `found` if it changes nothing."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import weakref
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -16,7 +17,7 @@ from stages.analysis.attacks.curves import Assay
 from stages.analysis.attacks.registry import attacks
 from stages.analysis.attacks.renders import jpeg, resizing
 from stages.analysis.attacks.scoring import Scorer
-from stages.analysis.attacks.target import Target
+from stages.analysis.attacks.target import Attack, Attacker, Knowledge, Target
 from stages.hiding.method import build_method
 from stages.hiding.photographs import photographs
 from stages.hiding.rendering import COVER
@@ -235,3 +236,29 @@ def test_what_has_no_chance_is_measured_once() -> None:
     rows = list(assay("gs_hider").curve("quantisation", attacks((1,))["quantisation"]))
     assert {row.seed for row in rows} == {0}
     assert torch.tensor([row.value for row in rows]).isfinite().all()
+
+
+def test_the_training_of_one_seed_is_gone_before_that_of_the_next_begins() -> None:
+    """With millions of Gaussians a GPU holds no three at once."""
+    alive: weakref.WeakSet[Running] = weakref.WeakSet()
+    most = 0
+
+    class Running:
+        def __init__(self, target: Target):
+            self.target = target
+
+        def __call__(self, severity: float) -> Target:
+            return self.target
+
+    def prepare(target: Target, seed: int, known: Knowledge) -> Attacker:
+        nonlocal most
+        running = Running(target)
+        alive.add(running)
+        most = max(most, len(alive))
+        return running
+
+    measured = assay("sh", seeds=(0, 1, 2))
+    for attack in (Attack(prepare, lambda target: (1.0, 2.0)), Attack(prepare)):
+        assert {row.seed for row in measured.curve("reoptimisation", attack)} == {0, 1, 2}
+    assert most == 1
+    assert not alive
