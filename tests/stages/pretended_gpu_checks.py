@@ -26,6 +26,9 @@ routes.working_device = lambda: working_on[0]  # before stages import it
 from pipeline.artifact import Artifact  # noqa: E402
 from pipeline.stage import Parameters, Stage, run_stage  # noqa: E402
 from stages.add_grain import AddGrainParameters, add_grain  # noqa: E402
+from stages.analysis.attacks.target import Knowledge  # noqa: E402
+from stages.analysis.attacks.unread_directions import heeded  # noqa: E402
+from stages.analysis.attacks.view_weights import blending_weights, influences  # noqa: E402
 from stages.analysis.measurements import read_measurements  # noqa: E402
 from stages.analysis.residual_detector import Views, detector_scores, train_detector, views_of  # noqa: E402
 from stages.analysis.secrecy import painting  # noqa: E402
@@ -61,6 +64,7 @@ from stages.tune_watermark_decoder import TuneWatermarkDecoderParameters, tune_w
 from tests.benchmarks import nvidia_checks, nvidia_timing, nvidia_training, training_iteration  # noqa: E402
 from tests.opencl.test_nvidia_script import SMALL, few_inputs  # noqa: E402
 from tests.stages import small, watermarks  # noqa: E402
+from tests.stages.analysis.attacks.containers import knowledge, target_and_owner  # noqa: E402
 from tests.stages.hiding.relocalisation import scenes  # noqa: E402
 from tests.stages.training.trainings import prepared  # noqa: E402
 
@@ -72,7 +76,7 @@ HEAVY = {
 
 OF_WHAT_IS_SEALED = ("scores_of_what_is_sealed", "revealed_of_what_is_sealed", "videos_of_what_is_sealed")
 ON_BOTH = ("attacked", "watermark_detected", "secrecy", *OF_WHAT_IS_SEALED)
-"""Jobs of which a part stays on the CPU: attacks but re-optimisation, readings but surrogates, and opening a seal."""
+"""Jobs of which a part stays on the CPU: attacks but trainings and renders, readings but surrogates, opening a seal."""
 
 SLOW = (
     *("views_of_splats_alone", "scores_of_an_image", "revealed", "finetuned", "imprinted_splats"),
@@ -296,6 +300,23 @@ def test_a_stage(name: str, on_cpu: Callable[[str], dict[str, Artifact]], tmp_pa
             assert repr(read_rows(artifact)) == repr(read_rows(expected[output]))
         if artifact.kind == "measurements":
             assert repr(read_measurements(artifact)) == repr(read_measurements(expected[output]))
+
+
+def test_what_attackers_learn_of_a_container() -> None:
+    target, _ = target_and_owner("homogeneous", 40)
+    known = knowledge()
+    learn: dict[str, Callable[[Knowledge], torch.Tensor]] = {
+        "weights": lambda known: blending_weights(target, known),
+        "influences": lambda known: influences(target, 0, known),
+        "heeded": lambda known: heeded(target, 0, known),
+    }
+    for name, learnt in learn.items():
+        expected = learnt(known)
+        with pretending() as mode:
+            found = learnt(replace(known, device=GPU))
+        assert torch.equal(found, expected), name
+        assert "aten::sigmoid" in mode.on_device, name
+        assert not mode.on_cpu & HEAVY, name
 
 
 def test_a_detector_of_what_hides() -> None:

@@ -12,7 +12,7 @@ from stages.analysis.attacks.reoptimisation import reoptimisation
 from stages.analysis.attacks.stripping import stripping
 from stages.analysis.attacks.target import Attack, Target, seeded, unseeded
 from stages.analysis.attacks.unread_directions import unread_directions
-from stages.analysis.attacks.view_weights import view_weight_clustering, view_weight_pruning
+from stages.analysis.attacks.view_weights import ViewWeights, view_weight_clustering, view_weight_pruning
 
 MOST_PRUNED = 0.95
 MOST_NOISE = 1.0
@@ -25,13 +25,14 @@ def attacks(reoptimised: Sequence[int]) -> Mapping[AttackName, Attack]:
     """Every attack by name; re-optimised containers are measured after each number of iterations in `reoptimised`."""
     steps = tuple(float(count) for count in sorted(reoptimised))
     longest = max(reoptimised)
+    weights_of = ViewWeights()
     return {
         "sequential_pruning": Attack(
             unseeded(sequential_pruning), strongest=MOST_PRUNED, fixed=PRUNED_SHARES, random=False
         ),
         "random_pruning": Attack(seeded(random_pruning), strongest=MOST_PRUNED, fixed=PRUNED_SHARES),
-        "view_weight_pruning": Attack(view_weight_pruning, strongest=MOST_PRUNED),
-        "view_weight_clustering": Attack(view_weight_clustering, strongest=MOST_PRUNED),
+        "view_weight_pruning": Attack(view_weight_pruning(weights_of), strongest=MOST_PRUNED),
+        "view_weight_clustering": Attack(view_weight_clustering(weights_of), strongest=MOST_PRUNED),
         "stripping": Attack(
             seeded(stripping), lambda target: STRIPPED_SHARES, applies=lambda target: bool(target.own_attributes)
         ),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol, runtime_checkable
@@ -12,7 +13,7 @@ from jaxtyping import Float, Float64, Int
 from torch import Tensor
 
 from stages.hiding.coupled import FEATURES
-from stages.hiding.method import Method, ReadsRenders
+from stages.hiding.method import Method, ReadsRenders, move_networks
 from stages.scene.gaussians import Gaussians
 from stages.scene.moved_splats import chosen
 from stages.scene.similarity import Similarity
@@ -74,6 +75,12 @@ class Target:
         """The attributes that 3DGS does not have: all but geometry and the cover's harmonics."""
         return {name: values for name, values in self.gaussians.attributes.items() if name not in STANDARD_COLOURS}
 
+    def on(self, device: torch.device | str) -> Target:
+        """The same target on a device, with a copy of its method; Gaussians that are already there are shared."""
+        method = copy.deepcopy(self.method)
+        move_networks(method, device)
+        return replace(self, gaussians=self.gaussians.to(device), method=method)
+
     def keeping(self, rows: Int[Tensor, " K"]) -> Target:
         """A copy with only the Gaussians in these rows."""
         return replace(self, gaussians=chosen(self.gaussians, rows))
@@ -89,7 +96,7 @@ class Knowledge:
 
     A real thief may know less; attacks that use renders of the container in place of the photos are weaker. `extent` is
     the extent of the camera rig. Long attacks call `after_each` from time to time; it raises if the work is to stop.
-    Training runs on `device`; targets are on the CPU.
+    Training and renders of the container run on `device`; targets are on the CPU.
     """
 
     views: TrainingViews

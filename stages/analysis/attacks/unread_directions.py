@@ -51,17 +51,19 @@ def unread_directions(target: Target, seed: int, knowledge: Knowledge) -> Attack
 def heeded(target: Target, seed: int, knowledge: Knowledge) -> Float64[Tensor, "M M"]:
     """JᵀJ of the scene decoder, summed over pixels and views: how much the cover changes along feature directions.
 
-    A Hutchinson estimate: from gradients of the cover's sum with a random sign for each colour of each pixel.
+    A Hutchinson estimate: from gradients of the cover's sum with a random sign for each colour of each pixel. It is
+    worked out on the attacker's device; the result is on the CPU.
     """
     generator = torch.Generator().manual_seed(seed)
     cameras = knowledge.views.cameras
     channels = target.gaussians[FEATURES].shape[1]
-    total = torch.zeros(channels, channels, dtype=torch.float64)
+    total = torch.zeros(channels, channels, dtype=torch.float64, device=knowledge.device)
+    there = target.on(knowledge.device)
     for view in evenly_spread(len(cameras), MOST_VIEWS):
-        gradient = _gradient(target, cameras[view], generator)
+        gradient = _gradient(there, cameras[view], generator)
         total += gradient.T @ gradient
         knowledge.after_each()
-    return total
+    return total.cpu()
 
 
 def _gradient(target: Target, camera: Camera, generator: torch.Generator) -> Float64[Tensor, "P M"]:
@@ -69,6 +71,6 @@ def _gradient(target: Target, camera: Camera, generator: torch.Generator) -> Flo
     raw = target.gaussians[FEATURES].detach().requires_grad_()
     rendering = target.method.render(Gaussians(target.gaussians.parameters | {FEATURES: raw}), camera, wanted=(COVER,))
     picture = rendering.pictures[COVER]
-    signs = torch.randint(0, 2, picture.shape, generator=generator) * 2.0 - 1
+    signs = torch.randint(0, 2, picture.shape, generator=generator).to(picture.device) * 2.0 - 1
     [gradient] = torch.autograd.grad((signs * picture).sum(), rendering.feature_map)
     return gradient.flatten(0, 1).double()

@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 import torch
 
+from stages.analysis.attacks.registry import attacks
 from stages.analysis.attacks.target import Attacker, Knowledge, Target
 from stages.analysis.attacks.view_weights import (
+    ViewWeights,
     Weights,
+    blending_weights,
     clusters,
+    influences,
     pruning_order,
     view_weight_clustering,
     view_weight_pruning,
-    view_weights,
 )
 from stages.hiding.rendering import COVER
 from stages.training.loop import TrainingViews
 from tests.stages.analysis.attacks.containers import knowledge, target_and_owner
+
+Prepare = Callable[[Target, int, Knowledge], Attacker]
 
 
 def one_view() -> Knowledge:
@@ -30,7 +36,7 @@ def test_weights_of_all_gaussians_are_the_opacity_of_the_picture() -> None:
     target, _ = target_and_owner("gs_hider")
     known = one_view()
     rendering = target.method.render(target.gaussians, known.views.cameras[0])
-    weights = view_weights(target, 0, known).weight
+    weights = blending_weights(target, known)
     assert (weights >= 0).all()
     assert torch.isclose(weights.sum(), rendering.alphas.sum(), rtol=1e-4)
 
@@ -40,7 +46,7 @@ def test_influence_is_the_covers_change_to_first_order() -> None:
     target, _ = target_and_owner("sh", count=12, opacity=-2.0)
     known = one_view()
     camera = known.views.cameras[0]
-    squares = torch.stack([view_weights(target, seed, known).influence.square() for seed in range(100)]).mean(dim=0)
+    squares = torch.stack([influences(target, seed, known).square() for seed in range(100)]).mean(dim=0)
     step = 0.5  # blending is linear in one opacity; small steps would mostly show where the footprint ends
     for row in range(3):
         pictures = []
@@ -77,15 +83,34 @@ def test_what_costs_least_for_the_weight_that_it_takes_goes_first() -> None:
 
 
 @pytest.mark.parametrize("attack", [view_weight_pruning, view_weight_clustering])
-def test_a_share_is_pruned_and_the_same_each_time(attack: Callable[[Target, int, Knowledge], Attacker]) -> None:
+def test_a_share_is_pruned_and_the_same_each_time(attack: Callable[[ViewWeights], Prepare]) -> None:
     target, _ = target_and_owner("homogeneous")
-    kept = [attack(target, 1, knowledge())(0.25).gaussians.means for _ in range(2)]
+    kept = [attack(ViewWeights())(target, 1, knowledge())(0.25).gaussians.means for _ in range(2)]
     assert len(kept[0]) == 150
     assert torch.equal(kept[0], kept[1])
 
 
+def test_attacks_learn_the_weights_once_and_the_influences_once_for_each_seed() -> None:
+    """`after_each` is called once for each pass over a view."""
+    passes = 0
+
+    def count() -> None:
+        nonlocal passes
+        passes += 1
+
+    target, _ = target_and_owner("gs_hider", 50)
+    known = replace(one_view(), after_each=count)
+    every = attacks((1,))
+    for attack in (every["view_weight_pruning"], every["view_weight_clustering"]):
+        for seed in (0, 1, 2):
+            attack.prepare(target, seed, known)
+    assert passes == 1 + 3
+    other, _ = target_and_owner("gs_hider", 40)
+    assert len(every["view_weight_pruning"].prepare(other, 0, known)(0.5).gaussians) == 20
+
+
 @pytest.mark.parametrize("attack", [view_weight_pruning, view_weight_clustering])
 @pytest.mark.parametrize("count", [0, 1])
-def test_none_and_one(attack: Callable[[Target, int, Knowledge], Attacker], count: int) -> None:
+def test_none_and_one(attack: Callable[[ViewWeights], Prepare], count: int) -> None:
     target, _ = target_and_owner("gs_hider", count)
-    assert len(attack(target, 0, one_view())(0.5).gaussians) == count
+    assert len(attack(ViewWeights())(target, 0, one_view())(0.5).gaussians) == count
