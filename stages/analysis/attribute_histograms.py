@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Float, Float64, Int
 from scipy.special import rel_entr
 
 from stages.analysis.measurements import Measurement
@@ -14,6 +14,9 @@ from stages.analysis.measurements import Measurement
 BINS = 64
 TAIL = 1e-3
 """Share of the values at either end that lie outside the equally wide bins and fall into the outermost ones."""
+MOST_AT_ONCE = 10**6
+"""Values of a container from which bins are chosen, and values that are counted at once: containers may have hundreds
+of millions, of which copies in float64 would fill the memory."""
 NOT_COMPARED = ("means", "quats")
 """Parameters that depend on the scene's axes and are therefore not compared."""
 
@@ -38,22 +41,34 @@ def jensen_shannon(first: Float[np.ndarray, " B"], second: Float[np.ndarray, " B
     return float(sum(rel_entr(share, middle).sum() for share in shares)) / (2 * math.log(2))
 
 
-def edges_of(values: Float[np.ndarray, " K"], other: Float[np.ndarray, " L"]) -> Float64[np.ndarray, " edges"]:
-    """Edges of `BINS` equally wide bins for the values of both samples; the two outermost are open-ended."""
-    both = np.concatenate([values, other]).astype(float)
-    low, high = np.quantile(both, [TAIL, 1 - TAIL])
+def edges_of(*samples: Float[np.ndarray, "_ ..."]) -> Float64[np.ndarray, " edges"]:
+    """Edges of `BINS` equally wide bins for the values of all samples; the two outermost are open-ended.
+
+    If a sample has more than `MOST_AT_ONCE` values, only rows at even steps are looked at, the same steps in each, so
+    that samples and channels count as they would otherwise. There must be a value.
+    """
+    step = math.ceil(max(values.size for values in samples) / MOST_AT_ONCE)
+    pooled = np.concatenate([values[::step].ravel() for values in samples]).astype(float)
+    low, high = np.quantile(pooled, [TAIL, 1 - TAIL])
     edges = np.linspace(low, max(high, low + 1e-9), BINS + 1)
     edges[0], edges[-1] = -np.inf, np.inf
     return edges
 
 
-def counted(values: Float[np.ndarray, " K"], edges: Float64[np.ndarray, " edges"]) -> Float64[np.ndarray, " edges-1"]:
+def counted(
+    values: Float[np.ndarray, "_ ..."], edges: Float64[np.ndarray, " edges"]
+) -> Float64[np.ndarray, " edges-1"]:
     """The number of values in each bin; a value on an edge counts in the bin above it."""
-    bins = np.searchsorted(edges[1:-1], values, side="right")
-    return np.bincount(bins, minlength=len(edges) - 1).astype(float)
+    bins = len(edges) - 1
+    rows = max(1, MOST_AT_ONCE * len(values) // max(1, values.size))
+    counts = np.zeros(bins, int)
+    for start in range(0, len(values), rows):
+        found = np.searchsorted(edges[1:-1], values[start : start + rows].ravel(), side="right")
+        counts += np.bincount(found, minlength=bins)
+    return counts.astype(float)
 
 
-def divergence(values: Float[np.ndarray, " K"], other: Float[np.ndarray, " L"]) -> float:
+def divergence(values: Float[np.ndarray, "_ ..."], other: Float[np.ndarray, "_ ..."]) -> float:
     """The Jensen-Shannon divergence of two samples' histograms, in bits."""
     edges = edges_of(values, other)
     return jensen_shannon(counted(values, edges), counted(other, edges))
@@ -77,11 +92,11 @@ def compare_attributes(
     for name in own:
         if _comparable(name, own, other):
             mine, theirs = _channels(own[name]), _channels(other[name])
-            pooled = divergence(mine.ravel(), theirs.ravel())
+            pooled = divergence(mine, theirs)
             yield Measurement(of_attribute(DIVERGENCE, name), pooled, condition, method=method)
             if mine.shape[1] == theirs.shape[1] > 1:
                 pairs = zip(_by_variance(mine), _by_variance(theirs), strict=True)
-                mean = float(np.mean([divergence(*pair) for pair in pairs]))
+                mean = float(np.mean([divergence(mine[:, first], theirs[:, second]) for first, second in pairs]))
                 yield Measurement(of_attribute(CHANNELS, name), mean, condition, method=method)
 
 
@@ -97,12 +112,12 @@ def histogram_rows(
     for name in first:
         if not _comparable(name, first, *others):
             continue
-        values = {condition: np.ravel(attributes[name]) for condition, attributes in containers.items()}
-        edges = edges_of(first[name].ravel(), np.concatenate([np.ravel(other[name]) for other in others]))
+        values = {condition: attributes[name] for condition, attributes in containers.items()}
+        edges = edges_of(*values.values())
         width = edges[2] - edges[1]
         middles = edges[1] + width * (np.arange(BINS) - 0.5)
         for condition, own in values.items():
-            shares = counted(own, edges) / len(own)
+            shares = counted(own, edges) / own.size
             for middle, share in zip(middles.tolist(), shares.tolist(), strict=True):
                 yield Measurement(of_attribute(HISTOGRAM, name), share, condition, middle, method=method)
 
@@ -116,5 +131,6 @@ def _channels(values: Float[np.ndarray, "N ..."]) -> Float[np.ndarray, "N C"]:
     return values.reshape(len(values), -1)
 
 
-def _by_variance(values: Float[np.ndarray, "N C"]) -> Float[np.ndarray, "C N"]:
-    return values[:, np.argsort(-values.var(axis=0), kind="stable")].T
+def _by_variance(values: Float[np.ndarray, "N C"]) -> Int[np.ndarray, " C"]:
+    """The numbers of the channels, that with the largest variance first."""
+    return np.argsort(-values.var(axis=0), kind="stable")

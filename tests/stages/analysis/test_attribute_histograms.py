@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from itertools import pairwise
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from stages.analysis import attribute_histograms
 from stages.analysis.attribute_histograms import (
     BINS,
     CHANNELS,
@@ -18,6 +20,7 @@ from stages.analysis.attribute_histograms import (
     compare_attributes,
     counted,
     divergence,
+    edges_of,
     histogram_rows,
     jensen_shannon,
     of_attribute,
@@ -110,3 +113,29 @@ def test_histograms_hold_every_value_once() -> None:
         assert all(first.severity < second.severity for first, second in pairwise(own))
         middle = sum(row.value * row.severity for row in own)
         assert middle == pytest.approx(given[condition]["logit_opacities"].mean(), abs=0.02)
+
+
+def test_little_memory_is_needed_besides_the_containers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The variances of one container's channels take four bytes a value; samples and counts do not grow with it."""
+    monkeypatch.setattr(attribute_histograms, "MOST_AT_ONCE", 10_000, raising=False)
+    generator = np.random.default_rng(0)
+    hidden, clean, other = (
+        {"means": np.zeros((20_000, 3), np.float32), "sh_rest": generator.normal(0, 1, (20_000, 15, 3)).astype("f4")}
+        for _ in range(3)
+    )
+    tracemalloc.start()
+    list(compare_attributes(hidden, clean, "hidden", "gs_hider"))
+    list(histogram_rows({"hidden": hidden, "clean": clean, "other": other}, "gs_hider"))
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 5 * hidden["sh_rest"].size
+
+
+def test_bins_of_many_values_are_nearly_those_of_all_and_of_every_channel(monkeypatch: pytest.MonkeyPatch) -> None:
+    generator = np.random.default_rng(0)
+    own, other = (generator.normal(0, 1, (count, 5)) * [1, 2, 3, 4, 5] for count in (40_000, 20_000))
+    every = edges_of(own, other)
+    monkeypatch.setattr(attribute_histograms, "MOST_AT_ONCE", 20_000)
+    np.testing.assert_allclose(edges_of(own, other)[1:-1], every[1:-1], rtol=0, atol=0.05 * every[-2])
+    assert counted(own, every).tolist() == counted(own.ravel(), every).tolist()
+    assert counted(own, every).sum() == own.size
