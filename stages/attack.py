@@ -41,7 +41,8 @@ class AttackParameters(Parameters):
         (0.25, 0.5, 1.0, 2.0, 4.0),
         min_length=1,
         description="Target losses of the cover on test views, in dB. The severity of each attack is chosen to match, "
-        "except for attacks with natural severities, such as bits.",
+        "except for attacks with natural severities, such as bits. Losses that an attack cannot cause give way to "
+        "smaller ones.",
     )
     seeds: DistinctSeeds = Field((0, 1, 2), min_length=1, description="Random seeds for the attacks.")
     reoptimised: tuple[Annotated[int, Field(ge=1)], ...] = Field(
