@@ -6,6 +6,12 @@ import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
+LEAST_LOSS = 0.05
+"""In dB: a loss of the cover up to this counts as none."""
+
+SAME = 1.01
+"""Severities within this factor of each other, as on either side of a jump, are measured once, at the larger."""
+
 SMALLEST_SHARE = 1e-4
 """The weakest severity that is tried, as a share of the strongest."""
 
@@ -18,8 +24,8 @@ def calibrated(damage: Callable[[float], float], aims: Sequence[float], stronges
     """The severities at which the damage comes closest to each of `aims`, ascending and positive.
 
     If `strongest` does less than the largest aims, they give way to what it does and to smaller aims, as by `_reached`,
-    so that the curve has as many points. There are fewer only where damage jumps. If `strongest` does next to nothing,
-    there is no other.
+    so that the curve has as many points. There are fewer where damage jumps, and where the weakest severity that is
+    tried does more than an aim. If `strongest` does no more than `LEAST_LOSS`, there is no other.
 
     Damage is assumed to grow with severity, more or less. The bisection runs on a logarithmic scale, since what one
     attack does at a millionth of its strongest severity, another does at half. Measurements for one aim narrow the
@@ -34,10 +40,11 @@ def calibrated(damage: Callable[[float], float], aims: Sequence[float], stronges
         return looked_at[severity]
 
     most = at(strongest)
-    if most <= TOLERANCE * min(aims):
+    if most <= LEAST_LOSS:
         return (strongest,)
     found = {_nearest(at, looked_at, aim, SMALLEST_SHARE * strongest) for aim in _reached(aims, most) if aim < most}
-    return tuple(sorted(found | {strongest} if most <= max(aims) else found))
+    ascending = sorted(found | {strongest} if most <= max(aims) else found)
+    return tuple(each for each, above in pairwise([*ascending, math.inf]) if above > SAME * each)
 
 
 def _reached(aims: Sequence[float], most: float) -> list[float]:

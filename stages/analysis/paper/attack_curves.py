@@ -6,17 +6,16 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from operator import methodcaller
 from types import MappingProxyType
 from typing import Literal
 
+from stages.analysis.attacks.calibration import LEAST_LOSS
 from stages.analysis.attacks.catalogue import ONE_COLOUR, UNATTACKED, restored
 from stages.analysis.measurements import Measurement
-from stages.analysis.paper.measuring import Measured, Spread, mean, spread_of, together
+from stages.analysis.paper.measuring import UNKNOWN, Measured, Spread, mean, spread_of, together
 from stages.analysis.paper.runs import Experiment
 from stages.imaging.metric_table import mean_of_known
-
-LEAST_LOSS = 0.05
-"""In dB: a loss of the cover up to this counts as none."""
 
 POINTS = 5
 """Number of points of a mean curve."""
@@ -252,13 +251,12 @@ def measured(
     figure: Callable[[Curve], float],
     is_floored: bool = True,
 ) -> Measured:
-    """A figure of the curves by capture, with its spread over the attack's seeds; `is_floored` as in `readings`."""
+    """A figure of each container's mean curve, by capture, as by `_of_mean`; `is_floored` as in `readings`."""
     spreads: dict[str, list[Spread]] = {}
     for experiment in experiments:
-        found = [figure(curve) for curve in readings(experiment, attack, reading, is_floored)]
-        known = [value for value in found if not math.isnan(value)]
-        if known:
-            spreads.setdefault(experiment.capture, []).append(spread(known))
+        found = _of_mean(readings(experiment, attack, reading, is_floored), figure)
+        if not math.isnan(found.mean):
+            spreads.setdefault(experiment.capture, []).append(found)
     return _by_capture(spreads)
 
 
@@ -267,18 +265,33 @@ def message_left(
 ) -> Measured:
     """What each container's mean curve leaves of the message up to its capture's width, in dB, by capture.
 
-    The deviation is that of the seeds' own curves, which continue level where they do not reach the width. `widths`
-    must have all captures of experiments in which the attack was measured.
+    `widths` must have all captures of experiments in which the attack was measured.
     """
     spreads: dict[str, list[Spread]] = {}
     for experiment in experiments:
-        if found := readings(experiment, attack, reading):
-            width = widths[experiment.capture]
-            left = mean_over_seeds(found).message_left(width)
-            if not math.isnan(left):
-                of_seeds = spread([curve.message_left(width) for curve in found])
-                spreads.setdefault(experiment.capture, []).append(replace(of_seeds, mean=left))
+        width = widths.get(experiment.capture, 0.0)
+        found = _of_mean(readings(experiment, attack, reading), methodcaller("message_left", width))
+        if not math.isnan(found.mean):
+            spreads.setdefault(experiment.capture, []).append(found)
     return _by_capture(spreads)
+
+
+def _of_mean(found: Sequence[Curve], figure: Callable[[Curve], float]) -> Spread:
+    """A figure of the mean of one container's curves, with its deviation over the attack's seeds; NaN without curves.
+
+    The deviation follows from how far the figure is off if each seed in turn is left out (the jackknife), since the
+    severity that is worst for the message is that of the mean, not of each seed. Of a mean it is the usual one. Seeds
+    with which the cover can never be rendered do not count, unless this holds for all.
+    """
+    own = [curve for curve in found if curve.publishable] or list(found)
+    if not own:
+        return UNKNOWN
+    if len(own) == 1:
+        return replace(spread_of([figure(own[0])]), worth=1.0)
+    without = [figure(mean_over_seeds([*own[:row], *own[row + 1 :]])) for row in range(len(own))]
+    middle = mean(without)
+    deviation = math.sqrt((len(own) - 1) * math.fsum((value - middle) ** 2 for value in without))
+    return Spread(figure(mean_over_seeds(own)), deviation, len(own))
 
 
 def at_severity(

@@ -35,8 +35,9 @@ CURVE_NOTE = (
     "is the largest loss of the cover that all curves of GS-Hider and of ours reach, with any settings; if that is "
     "none, the figure is what is left at no cost. Curves of other methods that reach less, such as 3DGS+SH and "
     "3DGS+Decoder, continue level, which favours these methods. A message that reads worse than the best single-colour "
-    "picture is gone, and an owner who sees it says so: it counts as such a picture. ±: over n seeds of the attack, "
-    "where the curve of a seed that reaches less continues level; for several captures, that of their mean."
+    "picture is gone, and an owner who sees it says so: it counts as such a picture. A seed with which a view of the "
+    "cover can no longer be rendered does not count at that severity. ±: over n seeds of the attack, by leaving out "
+    "each in turn; for several captures, that of their mean."
 )
 
 READINGS: Mapping[Reading, str] = {

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from stages.analysis.attacks.calibration import TOLERANCE, calibrated
+from stages.analysis.attacks.calibration import LEAST_LOSS, TOLERANCE, calibrated
 
 AIMS = (0.25, 0.5, 1.0, 2.0, 4.0)
 
@@ -21,7 +22,7 @@ def test_damage_is_what_was_aimed_at(power: float, strength: float) -> None:
         assert strength * severity**power == pytest.approx(aim, rel=TOLERANCE + 0.05)
 
 
-@given(most=st.floats(0.03, 4), power=st.floats(0.5, 3))
+@given(most=st.floats(0.06, 4), power=st.floats(0.5, 3))
 @example(most=0.38, power=1)
 def test_as_many_severities_are_measured_however_little_the_strongest_does(most: float, power: float) -> None:
     found = calibrated(lambda severity: most * severity**power, AIMS, strongest=1.0)
@@ -37,8 +38,14 @@ def test_aims_out_of_reach_give_way_to_what_halves_the_widest_gaps() -> None:
 
 
 def test_harmless_attacks_are_measured_at_their_strongest() -> None:
-    for slope in (0.0, -1.0, 0.01):
+    for slope in (0.0, -1.0, 0.01, LEAST_LOSS):
         assert calibrated(lambda severity, slope=slope: slope * severity, AIMS, strongest=0.7) == (0.7,)
+
+
+def test_a_jump_is_not_measured_again_and_again() -> None:
+    found = calibrated(lambda severity: 0.0 if severity < 0.5 else 1.5, AIMS, strongest=1.0)
+    assert all(above > 1.01 * each for each, above in pairwise(found))
+    assert found[-1] == 1.0
 
 
 def test_a_jump_is_met_from_its_nearer_side() -> None:

@@ -116,3 +116,42 @@ def test_a_capture_whose_cover_loses_little_leaves_the_others_their_width() -> N
     assert found["Cover's loss up to"] == "0.80 to 4.00 dB"
     assert found["GS-Hider"] == found["Homogeneous GS-Hider"] == "23.60", "the mean of 22.00 and 25.20"
     assert "The smallest width is 0.80 dB: cropping out, bonsai." in areas(chapter).notes
+
+
+def permuted(method: str, messages: Sequence[Sequence[float]], covers: Sequence[Sequence[float]] = ()) -> Experiment:
+    """A container with these PSNRs of the message, and of the cover if it is not spared, by seed and severity."""
+    rows = [Measurement("psnr", COVER, UNATTACKED, None, None, None, "test", None, method)]
+    rows.append(Measurement("psnr", MESSAGE, UNATTACKED, None, None, None, "test", "statue", method))
+    for seed, found in enumerate(messages):
+        for step, message in enumerate(found):
+            cover = covers[seed][step] if covers else COVER
+            for value, name in ((cover, None), (message, "statue")):
+                rows.append(
+                    Measurement("psnr", value, "channel_permutation", float(step + 1), seed, None, "test", name, method)
+                )
+    return Experiment("fox", method, "0", tuple(rows), {}, "attacked")
+
+
+def of_permutation(chapter: Chapter, caption: str) -> tuple[str, str]:
+    """Text and note of our cell in the line on permutation."""
+    [grid] = [grid for grid in chapter.grids if grid.caption.startswith(caption)]
+    [line] = [line for line in grid.lines if line.names == (ATTACKS["channel_permutation"].title,)]
+    cell = line.cells[grid.headings.index("Homogeneous GS-Hider")]
+    return cell.text, cell.note
+
+
+def test_what_is_gained_at_no_cost_is_what_is_lost_whichever_severity_is_worst_for_a_seed() -> None:
+    messages = [(MESSAGE - 3, MESSAGE - 9), (MESSAGE - 8, MESSAGE - 4)]
+    chapter = chapter_of(permuted("homogeneous", messages), permuted("gs_hider", messages))
+    assert of_permutation(chapter, LINE)[0].startswith("19.50 ± ")
+    assert of_permutation(chapter, LINE)[1] == "-6.50, n = 2"
+    assert of_permutation(chapter, "What attackers gain, as found")[0].startswith("6.50 ± ")
+
+
+def test_a_seed_whose_cover_is_never_rendered_is_not_counted() -> None:
+    nan = float("nan")
+    messages = [(MESSAGE - 3,), (MESSAGE - 5,), (MESSAGE,)]
+    covers = [(COVER,), (COVER,), (nan,)]
+    chapter = chapter_of(permuted("homogeneous", messages, covers), permuted("gs_hider", messages, covers))
+    assert of_permutation(chapter, LINE) == ("22.00 ± 1.41", "-4.00, n = 2")
+    assert of_permutation(chapter, "What attackers gain, as found") == ("4.00 ± 1.41", "n = 2")
