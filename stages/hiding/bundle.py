@@ -99,11 +99,12 @@ def hash_of(container: ContainerBundle) -> str:
     Gaussians count in the order in which the store has them, since programs may save them in another.
     """
     order = np.lexsort(container.attributes["means"].T)
-    arrays = {name: values[order] for name, values in container.attributes.items()}
-    arrays |= {f"{name}/{key}": value for name, weights in container.networks.items() for key, value in weights.items()}
+    weights = {f"{name}/{key}": value for name, own in container.networks.items() for key, value in own.items()}
     digest = hashlib.sha256(json.dumps(_description(container), sort_keys=True).encode())
-    for name, values in sorted(arrays.items()):
-        digest.update(f"{name} {values.shape}".encode() + np.ascontiguousarray(values, "<f4").tobytes())
+    for name, values in sorted({**container.attributes, **weights}.items()):
+        own = values[order] if name in container.attributes else values
+        digest.update(f"{name} {values.shape}".encode())
+        digest.update(np.ascontiguousarray(own, "<f4").ravel().data)  # `tobytes` would copy it
     return digest.hexdigest()
 
 

@@ -25,4 +25,9 @@ def test_a_stage_that_was_interrupted_is_done_again(tmp_path: Path) -> None:
     work = Work(tmp_path, threads=1)
     emblem = ImageParameters(file=ROOT / "workflows" / "images" / "emblem.png")
     (tmp_path / "emblem" / ".image").mkdir(parents=True)
+    others = tmp_path / "emblem" / "photo.jpg", tmp_path / "emblem" / ".scratch" / "checkpoint"
+    others[1].parent.mkdir()
+    for other in others:
+        other.touch()
     assert work.done("emblem", image, emblem, {})["image"].kind == "image"
+    assert all(other.exists() for other in others)

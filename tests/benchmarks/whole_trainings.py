@@ -47,7 +47,9 @@ class Work:
         folder = self.folder / name
         if all((folder / output).is_dir() for output in declared.outputs):
             return {output: load(folder / output) for output in declared.outputs}
-        shutil.rmtree(folder, ignore_errors=True)  # what an interrupted run left
+        for output in declared.outputs:  # what an interrupted run left; its checkpoints are kept
+            for unfinished in (folder / f".{output}", folder / output):
+                shutil.rmtree(unfinished, ignore_errors=True)
         start = time.perf_counter()
         services = Services(log=lambda text: print(f"{name}: {text}", flush=True))
         made = run_stage(declared, parameters, inputs, folder, services=services)

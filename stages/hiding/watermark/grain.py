@@ -40,9 +40,8 @@ MEASURED_ON = 8
 """Every eighth training view is used to measure a grain's strength."""
 
 FOLLOWING = 0.9
-"""Smallest share of the changed Gaussians whose change has the sign of their coins. Under grain nearly all have it
-(of an earlier version all but those with features at their bounds); for changes unrelated to the coins, about half
-do."""
+"""Smallest share of the changed Gaussians whose change has the sign of their coins. Under grain all have it but for
+rounding; for changes unrelated to the coins, about half do."""
 
 DITHER = 1e-5
 """Largest magnitude of the uniform noise that is added to every changed value: hundreds of times float32's rounding
@@ -106,7 +105,10 @@ def follows(before: Gaussians, after: Gaussians, coins: Coins) -> bool:
     if not torch.equal(before.means, after.means):
         return False
     name = FEATURES if FEATURES in before.parameters else BASE
-    change = after[name].detach().double() - before[name].detach().double()
+    values = [each[name].detach().double() for each in (before, after)]
+    if name == FEATURES:
+        values = [each.sigmoid() for each in values]  # a clamp at the ends, of earlier versions, is large before it
+    change = values[1] - values[0]
     turned = torch.from_numpy(coins).to(change)[:, None] * change
     along = turned @ turned.mean(dim=0)
     moved = along != 0
@@ -118,14 +120,16 @@ def _changed(
 ) -> Gaussians:
     """Add `amounts`, by the signs, and noise to activated features or to the constant harmonic.
 
-    A feature with too little room on either side is changed less, by as much for either sign (`OF_THE_ROOM`).
+    A feature with too little room on either side is changed less, by as much for either sign (`OF_THE_ROOM`), and one
+    without any not at all.
     """
     change = signs * amounts + noise
     if FEATURES in gaussians.parameters:
         features = gaussians[FEATURES].detach().double().sigmoid()
         room = (FARTHEST - (features - 0.5).abs()).clamp_min(0)
         share = (OF_THE_ROOM * room / (amounts.abs().double() + DITHER)).clamp_max(1)
-        return Gaussians(gaussians.parameters | {FEATURES: stored(features + share * change)})
+        moved = torch.where(room > 0, stored(features + share * change), gaussians[FEATURES].detach())
+        return Gaussians(gaussians.parameters | {FEATURES: moved})
     return Gaussians(gaussians.parameters | {BASE: (gaussians[BASE].detach().double() + change).float()})
 
 
