@@ -126,9 +126,12 @@ def _loaded(name: str) -> ModuleType:
 def settings_of(name: str) -> tuple[str, ...]:
     """The names of the settings that method `name` is built from, besides its messages.
 
-    Raises `UserError` if its module does not declare them.
+    Raises `UserError` if its module does not declare them, or has no function `build`.
     """
-    settings = getattr(_loaded(name), "SETTINGS", None)
+    module = _loaded(name)
+    if not callable(getattr(module, "build", None)):
+        raise UserError("a method cannot be built", where=module_of(name), expected="a function build(settings)")
+    settings = getattr(module, "SETTINGS", None)
     if not isinstance(settings, tuple):
         raise UserError(
             "a method does not say what it is built from",
@@ -162,9 +165,11 @@ def presets_of(name: str, hides_scenes: bool) -> dict[str, Setting]:
 def build_method(name: str, settings: Mapping[str, object]) -> Method:
     """Build method `name` from its settings. Its networks' weights are drawn from torch's global generator.
 
-    Raises `UserError` for networks that neither the container nor the secret would store.
+    Raises `UserError` for networks that neither the container nor the secret would store, and for what would keep the
+    method from being built again by its name and settings: it would be noticed after the training, or never.
     """
     method = cast(Method, _loaded(name).build(settings))
+    _check_built(name, method, {key: value for key, value in settings.items() if key != "messages"})
     kept = (*PUBLIC_NETWORKS, *SECRET_NETWORKS)
     if lost := method.networks.keys() - {*kept}:
         raise UserError(
@@ -175,6 +180,25 @@ def build_method(name: str, settings: Mapping[str, object]) -> Method:
             remedy="Make what may be public a part of the scene decoder, and the rest one of the message decoder.",
         )
     return method
+
+
+def _check_built(name: str, method: Method, settings: Mapping[str, object]) -> None:
+    """Refuse a method with another name or other settings than asked for, or with networks that it does not list."""
+    listed = {id(module) for network in method.networks.values() for module in network.modules()}
+    own = {key: value for key, value in vars(method).items() if isinstance(value, torch.nn.Module)}
+    learnt = [key for key, network in own.items() if id(network) not in listed and [*network.parameters()]]
+    changed = [key for key, value in settings.items() if key not in method.settings or method.settings[key] != value]
+    if method.name == name and not changed and not learnt:
+        return
+    found = [f"name = {method.name!r}"] if method.name != name else []
+    found += [f"settings without {key} = {settings[key]!r}" for key in changed]
+    found += [f"networks without {key}" for key in learnt]
+    raise UserError(
+        "a method could not be built again from what is stored of it",
+        where=module_of(name),
+        found=", ".join(found),
+        expected=f"name = {name!r}, settings with all that build was given, and in networks whatever is learnt",
+    )
 
 
 def move_networks(method: Method, device: torch.device | str) -> None:

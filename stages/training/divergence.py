@@ -15,5 +15,6 @@ def refuse_divergence(loss: float, iteration: int) -> None:
             where=f"iteration {iteration}",
             found=f"a loss of {loss}",
             expected="a finite loss",
-            remedy="Lower the learning rates; if they are the defaults, check the photos and poses.",
+            remedy="Lower the learning rates; if they are the defaults, check the photos and poses, and a method of "
+            "your own.",
         )

@@ -110,7 +110,12 @@ class HidingParameters(TrainingParameters):
         method = str(given.get("method", cls.model_fields["method"].default))
         presets = presets_of(method, cls.hides_scenes)
         if unknown := sorted(presets.keys() - cls.model_fields.keys()):
-            raise UserError("the method presets unknown parameters", where=module_of(method), found=str(unknown))
+            raise UserError(
+                "the method presets unknown parameters",
+                where=module_of(method),
+                found=str(unknown),
+                expected="parameters of the stage; settings of its own have no presets",
+            )
         return presets | given
 
     @field_validator("method")
@@ -128,7 +133,7 @@ class HidingParameters(TrainingParameters):
         wanted = {name for name in settings_of(given.data["method"]) if name not in cls.model_fields}
         if wanted != stated.keys():
             listed = ", ".join(sorted(wanted)) or "none"
-            raise ValueError(f"should be {listed} for the method {given.data['method']}")
+            raise ValueError(f"should have exactly these keys for the method {given.data['method']}: {listed}")
         if refused := [name for name, value in stated.items() if not is_setting(value)]:
             raise ValueError(f"should be numbers up to {LARGEST_SETTING} and short words; {refused[0]} is neither")
         return stated
@@ -136,6 +141,13 @@ class HidingParameters(TrainingParameters):
     def build_method(self, messages: Sequence[str], key: Artifact | None) -> Method:
         """Build the method for these messages; its initial weights follow from the key, or else from `seed`."""
         settings = self.model_dump(include=set(settings_of(self.method))) | self.own_settings
+        if refused := [name for name, value in settings.items() if not is_setting(value)]:
+            raise UserError(
+                "this cannot be a method's setting",
+                where=module_of(self.method),
+                found=f"{refused[0]} = {settings[refused[0]]!r}",
+                expected=f"numbers up to {LARGEST_SETTING} and short words: others are refused when it is imported",
+            )
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(self.seed if key is None else int(generator_apart(key, "building").integers(2**32)))
             method = build_method(self.method, settings | {"messages": list(messages)})

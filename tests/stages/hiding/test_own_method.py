@@ -142,12 +142,12 @@ def test_every_layer_starts_from_the_key(tmp_path: Path, own: Path) -> None:
 @pytest.mark.parametrize(
     ("changed", "complaint"),
     [
-        ({"own_settings": {}}, "should be levels for the method own"),
-        ({"own_settings": {"levels": 1, "depth": 2}}, "should be levels for the method own"),
+        ({"own_settings": {}}, "should have exactly these keys for the method own: levels"),
+        ({"own_settings": {"levels": 1, "depth": 2}}, "should have exactly these keys for the method own: levels"),
         ({"own_settings": {"levels": 100_000}}, "numbers up to 1024"),
         ({"own_settings": {"levels": True}}, "levels is neither"),
         ({"own_settings": {"levels": None}}, "levels is neither"),
-        ({"method": "gs_hider"}, "should be none for the method gs_hider"),
+        ({"method": "gs_hider"}, "should have exactly these keys for the method gs_hider: none"),
         ({"method": "plain", "own_settings": {}}, "should be one that hides"),
         ({"method": "owned"}, "'gs_hider', 'homogeneous', 'own', 'plain' or 'sh'"),
     ],
@@ -162,8 +162,9 @@ def test_what_it_does_not_take_is_refused(own: Path, changed: dict[str, object],
     [
         ("def build(:", "own: a method cannot be loaded; found SyntaxError"),
         ("import nothing_of_that_name", "found ModuleNotFoundError: No module named 'nothing_of_that_name'"),
-        ("", "SETTINGS = None; expected a tuple of names"),
-        ('SETTINGS = ("levels")', "SETTINGS = 'levels'; expected a tuple of names"),
+        ("SETTINGS = ()", "a method cannot be built; expected a function build"),
+        ("def build(settings): pass", "SETTINGS = None; expected a tuple of names"),
+        ('SETTINGS = ("levels")\ndef build(settings): pass', "SETTINGS = 'levels'; expected a tuple of names"),
         ('SETTINGS = ()\nPRESETS = {"decoder_wdith": 12}', "unknown parameters; found .*decoder_wdith"),
     ],
 )
@@ -171,6 +172,36 @@ def test_a_file_with_a_mistake_is_named(own: Path, source: str, complaint: str) 
     own.write_text(source)
     with pytest.raises(UserError, match=complaint):
         HideScenesParameters.model_validate(SMALL)
+
+
+@pytest.mark.parametrize(
+    ("written", "instead", "complaint"),
+    [
+        ('name = "own"', 'name = "gs_hider"', "found name = 'gs_hider'; expected name = 'own'"),
+        ('{**self.settings, "levels": levels}', "{**self.settings}", "found settings without levels = 1"),
+        ("return Own(**settings)", "return forgetful(Own(**settings))", "found networks without message_decoder"),
+    ],
+)
+def test_what_could_not_be_built_again_is_refused_before_it_is_trained(
+    own: Path, written: str, instead: str, complaint: str
+) -> None:
+    forgetful = """
+
+def forgetful(method):
+    method.networks = {name: each for name, each in method.networks.items() if name == "scene_decoder"}
+    return method
+"""
+    assert written in SOURCE
+    own.write_text(SOURCE.replace(written, instead) + forgetful)
+    with pytest.raises(UserError, match=complaint):
+        build_method("own", {**COUPLED, "levels": 1, "messages": ["statue"]})
+
+
+def test_a_setting_that_could_not_be_imported_is_refused(own: Path) -> None:
+    own.write_text(SOURCE.replace('(*COUPLED_SETTINGS, "levels")', '(*COUPLED_SETTINGS, "levels", "iterations")'))
+    parameters = HideScenesParameters.model_validate({**SMALL, "iterations": 2000})
+    with pytest.raises(UserError, match="found iterations = 2000; expected numbers up to 1024"):
+        parameters.build_method(["statue"], None)
 
 
 def test_networks_that_nobody_would_keep_are_refused(own: Path) -> None:
