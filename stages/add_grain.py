@@ -55,8 +55,8 @@ def add_grain(context: Context, parameters: AddGrainParameters) -> None:
     If the secret is given, features change in a direction that its decoder does not read, which spares the message as
     far as decoders are linear. If a key is given, nobody else knows the coins. `find_grain` reads the grain with the
     container from before: keep that one, and publish the new one, once: two of them, with other levels or by versions
-    of this stage that differ, give the coins away. At level 0 nothing changes, bit for bit. Raises
-    `UserError` if the secret is that of a sealed container; without the secret this cannot be told.
+    of this stage that differ, give the coins away. At level 0 nothing changes, bit for bit. Raises `UserError` if the
+    secret is that of a sealed container; without the secret this cannot be told.
     """
     torch.set_num_threads(parameters.threads)
     container = context.input("container")

@@ -7,7 +7,7 @@ from pydantic import Field
 
 from pipeline.stage import Context, ExternalPath, Output, Parameters, stage
 from stages.hiding.altered_files import altered_files
-from stages.hiding.bundle import CAMERAS, EXPORTED_WITH, IMAGE_CAMERA, SecretBundle, hash_of
+from stages.hiding.bundle import CAMERAS, EXPORTED_WITH, IMAGE_CAMERA, SecretBundle, container_hash
 from stages.hiding.bundle_files import read_container_bundle, read_secret_bundle
 from stages.hiding.camera_reading import read_cameras_file
 from stages.hiding.fitting import fitted_method
@@ -64,8 +64,8 @@ def import_container(context: Context, parameters: ImportContainerParameters) ->
     gaussians = Gaussians({name: torch.from_numpy(values) for name, values in bundle.attributes.items()})
     write_container(context.output("container"), gaussians, method)
     write_secret(context.output("secret"), method, secret.messages)
-    own, facts = hash_of(bundle), dict(secret.facts)
-    exported_with = facts.pop(EXPORTED_WITH, own)
+    facts = dict(secret.facts)
+    exported_with = facts.pop(EXPORTED_WITH, None)
     context.output("secret").attributes |= facts
     write_cameras(context.output("cameras"), read_cameras_file(parameters.bundle, CAMERAS))
     hiding = read_cameras_file(parameters.secret, IMAGE_CAMERA) if parameters.secret else None
@@ -75,5 +75,5 @@ def import_container(context: Context, parameters: ImportContainerParameters) ->
         method=bundle.method,
         gaussians=len(gaussians),
         altered=[name for place in places for name in altered_files(place)],
-        another_container=exported_with != own,
+        another_container=exported_with is not None and exported_with != container_hash(bundle),
     )

@@ -6,7 +6,7 @@
     cameras.json                  a camera path for viewing it, if the cover was given; see `camera_files`
 
     secret.json                   the messages' names, in the order of the message decoder's channels, a hash of the
-                                  container (`hash_of`), and other facts
+                                  container (`container_hash`), and other facts
     message_decoder.safetensors   D_m, if the method has one
     image_camera.json             the camera that sees the hidden image, if there is one and the cover was given
 
@@ -89,11 +89,11 @@ def container_bundle(container: Artifact) -> ContainerBundle:
 def secret_bundle(secret: Artifact, container: ContainerBundle) -> SecretBundle:
     """The bundle of a `secret` artifact that is exported with this container."""
     facts = {name: value for name, value in secret.attributes.items() if name != "messages"}
-    facts[EXPORTED_WITH] = hash_of(container)
+    facts[EXPORTED_WITH] = container_hash(container)
     return SecretBundle(strings(secret, "messages"), _networks(secret, SECRET_NETWORKS), facts)
 
 
-def hash_of(container: ContainerBundle) -> str:
+def container_hash(container: ContainerBundle) -> str:
     """SHA-256 of all that a container shows: description, Gaussians, and public networks. N = 0 is allowed.
 
     Gaussians count in the order in which the store has them, since programs may save them in another.

@@ -55,9 +55,9 @@ OF_THE_ROOM = 0.5
 the coin is on. Clamping instead told coins with certainty: what was pushed across a bound lay exactly on it, by which
 23 % of GS-Hider's coins on the fox were known (ours 9 %), and undoing these twofold took the scores from 31 to 37 down
 to 9 to 13. Near an end, features still lean: by how densely they lie, 41 % of the coins were guessed, 80 % of these
-rightly (ours: 64 and 66 %). With a quarter of the room it was 73 and 67 % (80 and 60 %), but
-a direction that is kept for fewer Gaussians changes the message more. The same share for all features of a Gaussian
-halves the scores of ours."""
+rightly (ours: 64 and 66 %). With a quarter of the room it was 73 and 67 % (80 and 60 %), but a direction that is kept
+for fewer Gaussians changes the message more. The same share for all features of a Gaussian halves the scores of
+ours."""
 
 ROUNDS = 8
 """Iterations that scale the change until renders differ as much as required; the difference is almost proportional to
