@@ -127,7 +127,7 @@ def run(
     Exit status: 0 done, 1 a stage failed, 2 the command or the workflow is wrong, 130 interrupted.
     """
     with nullcontext() if dry_run else lossy_output(), reported(store):
-        from pipeline.console.planwords import print_plan
+        from pipeline.console.plan_words import print_plan
         from pipeline.console.project import open_project
         from pipeline.plan.plan import make_plan
         from pipeline.resources import read_resources
@@ -168,7 +168,7 @@ def status(
     python -m pipeline status workflows/hide_multi.yaml
     """
     with reported(store):
-        from pipeline.console.planwords import print_plan
+        from pipeline.console.plan_words import print_plan
         from pipeline.console.project import open_project
         from pipeline.plan.plan import make_plan
 
@@ -244,7 +244,7 @@ def accept(
     that changed. Exit status 2 if nothing can be kept. Explanations and reports mention that a result was accepted.
     """
     with reported(store):
-        from pipeline.console.acceptwords import print_acceptances, print_refusals
+        from pipeline.console.accept_words import print_acceptances, print_refusals
         from pipeline.console.project import open_project
         from pipeline.plain_text import listed
         from pipeline.plan.accept import acceptances, all_acceptances, keep, still_to_accept
@@ -286,7 +286,7 @@ def graph(
     python -m pipeline graph workflows/hide_multi.yaml --svg hide_multi.svg
     """
     with reported(store):
-        from pipeline.console.planwords import box, node_as_json
+        from pipeline.console.plan_words import box, node_as_json
         from pipeline.console.project import open_project
         from pipeline.drawing import draw
         from pipeline.errors import CommandError

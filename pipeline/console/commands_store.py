@@ -41,7 +41,7 @@ def verify(store: StoreAddress = "store", dry_run: DryRun = False, as_json: Json
     damaged.
     """
     with reported(store):
-        from pipeline.console.storewords import Verified, verified_as_json, verified_words
+        from pipeline.console.store_words import Verified, verified_as_json, verified_words
         from pipeline.disk import is_read_only
         from pipeline.results.naming import open_existing
         from pipeline.store.verification import verify_store
@@ -100,7 +100,7 @@ def gc(
     It may delete older results that such a run uses; they are then made again.
     """
     with reported(store):
-        from pipeline.console.storewords import collection_as_json, collection_words
+        from pipeline.console.store_words import collection_as_json, collection_words
         from pipeline.results.naming import check_workflows, open_existing
         from pipeline.store.garbage import Rules, collect
 
@@ -189,7 +189,7 @@ def pins(store: StoreAddress = "store", as_json: Json = False) -> None:
     python -m pipeline pins
     """
     with reported(store):
-        from pipeline.console.storewords import pin_as_json, pins_words
+        from pipeline.console.store_words import pin_as_json, pins_words
         from pipeline.results.naming import open_existing
 
         opened = open_existing(store)

@@ -9,7 +9,7 @@ from typing import Protocol, Self, TextIO
 
 from rich.console import Console
 
-from pipeline.console.livetable import LiveTable
+from pipeline.console.live_table import LiveTable
 from pipeline.console.wording import Pace, ending, progress_words, remark_words
 from pipeline.events import Event, Noted, Remarked, StageEnded, StageProgressed, StageStarted, as_json
 

@@ -21,7 +21,7 @@ from pipeline.store.external import Contents
 from pipeline.store.external_cache import ExternalCache
 from pipeline.store.history import LastResult, StageResult
 from pipeline.store.record import Record
-from pipeline.store.stagelog import is_log_of
+from pipeline.store.stage_log import is_log_of
 from pipeline.store.store import Store
 from pipeline.workflow.graph import Graph, Node, Source
 

@@ -47,7 +47,7 @@ from pipeline.stage import (
 from pipeline.store.external_cache import ExternalCache
 from pipeline.store.opening import open_store
 from pipeline.store.record import Record
-from pipeline.store.stagelog import StageLog, printed_to_stderr
+from pipeline.store.stage_log import StageLog, printed_to_stderr
 from pipeline.store.store import Store
 
 TELL_EVERY = 0.25  # seconds between two progress events

@@ -20,7 +20,7 @@ from typer.testing import CliRunner, Result
 
 from pipeline.artifact import create, load
 from pipeline.cli import app
-from pipeline.console.storewords import collection_words
+from pipeline.console.store_words import collection_words
 from pipeline.disk import size_of
 from pipeline.results import exporting, pictures
 from pipeline.store import garbage

@@ -15,7 +15,7 @@ from typing import TextIO
 import pytest
 
 from pipeline import cli
-from pipeline.console.livetable import LiveTable
+from pipeline.console.live_table import LiveTable
 from pipeline.console.output import lossy_output
 from pipeline.console.progress import make_display
 from pipeline.events import Noted, StageEnded, StageStarted

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from pipeline.console.planwords import print_plan
+from pipeline.console.plan_words import print_plan
 from pipeline.events import Event, StageStarted
 from pipeline.plan.explanation import explain, in_words
 from pipeline.plan.plan import Step, make_plan

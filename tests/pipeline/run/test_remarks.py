@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 
 from pipeline.code.fingerprint import read_module
-from pipeline.console.livetable import LiveTable
+from pipeline.console.live_table import LiveTable
 from pipeline.console.progress import PlainLines
 from pipeline.events import Remarked, StageEnded
 from pipeline.run.cluster import DaskExecutor

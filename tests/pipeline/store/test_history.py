@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from pipeline.console.planwords import print_plan
+from pipeline.console.plan_words import print_plan
 from tests.pipeline.collecting import collected, is_cached, store_of
 from tests.pipeline.helpers import CHAIN, Workspace
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from pipeline.console.planwords import print_plan
+from pipeline.console.plan_words import print_plan
 from pipeline.plan.plan import Step
 from pipeline.store.history import StageResult
 

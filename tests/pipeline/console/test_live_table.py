@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from rich.console import Console, RenderableType
 
-from pipeline.console import livetable
-from pipeline.console.livetable import LiveTable
+from pipeline.console import live_table
+from pipeline.console.live_table import LiveTable
 from pipeline.events import Event, Noted, StageEnded, StageProgressed, StageStarted
 
 
@@ -25,7 +25,7 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     clock = Clock()
-    monkeypatch.setattr(livetable, "time", clock)
+    monkeypatch.setattr(live_table, "time", clock)
     return clock
 
 
@@ -150,7 +150,7 @@ def test_a_signal_may_tell_a_note_while_an_event_is_taken_and_the_table_drawn(mo
         with display:
             display(StageEnded("hide", "ran", "5e", 61.0, {}))
 
-    monkeypatch.setattr(livetable, "ending", interrupted)
+    monkeypatch.setattr(live_table, "ending", interrupted)
     thread = threading.Thread(target=work, daemon=True)
     thread.start()
     thread.join(30)
