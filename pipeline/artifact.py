@@ -280,7 +280,7 @@ class ArtifactWriter:
         """Whether nothing has been written and no attribute set."""
         return not self._arrays and not self.attributes and not any(self.path.iterdir())
 
-    def seal(self) -> Artifact:
+    def finish(self) -> Artifact:
         """Writes the manifest, flushes everything to disk and returns the artifact, still where it was written.
 
         Raises ArtifactError for attributes that are not JSON.
@@ -304,7 +304,7 @@ def create(directory: Path, kind: str, private: bool = False) -> Iterator[Artifa
     writer = ArtifactWriter(aside, kind, private)
     try:
         yield writer
-        publish(writer.seal(), directory)
+        publish(writer.finish(), directory)
     finally:
         shutil.rmtree(aside, ignore_errors=True)
 
@@ -315,7 +315,7 @@ def load(path: Path) -> Artifact:
 
 
 def publish(artifact: Artifact, directory: Path) -> Artifact:
-    """Renames a sealed artifact to `directory`, on the same file system, atomically and durably.
+    """Renames a finished artifact to `directory`, on the same file system, atomically and durably.
 
     If an artifact is already there, that one stays and the new one is deleted.
     """

@@ -163,7 +163,7 @@ class Checkpoints:
             seconds=self._context.seconds_before + self._clock() - self._began,
             table=_write_packed(writer, state.arrays),
         )
-        publish(writer.seal(), self._folder / f"checkpoint-{last + 1}")
+        publish(writer.finish(), self._folder / f"checkpoint-{last + 1}")
 
     def _read(self, path: Path) -> Checkpoint:
         artifact = load(path)

@@ -388,7 +388,7 @@ def run_stage(
     }
     context = Context(values, writers, scratch, workflow_name, services or Services(), {**numbered, **(items or {})})
     declared(context, parameters)
-    return {name: publish(writer.seal(), directory / name) for name, writer in writers.items()}
+    return {name: publish(writer.finish(), directory / name) for name, writer in writers.items()}
 
 
 def bind_inputs(declared: Stage, given: Mapping[str, InputValue]) -> dict[str, InputValue]:

@@ -27,7 +27,7 @@ from pipeline.data_folder import data_files
 from pipeline.errors import UserError, nearest
 from pipeline.package_modules import modules_in
 from pipeline.stage import ExternalMarker, Input, Output, Parameters, Stage
-from pipeline.store.sealed import read_sealed, sealed, write_text_whole
+from pipeline.store.checksummed import read_checksummed, with_checksum, write_text_whole
 from pipeline.store.store import Store
 
 FORMAT = 8
@@ -179,7 +179,7 @@ class Catalogue:
                 answers = {question: answer for question, answer in answers.items() if question in asked}
             with suppress(OSError):  # a store may be read-only
                 self._store.folder("cache", "declarations")
-                write_text_whole(self._cache_file(uses), sealed(answers), self._store.temporary(), mode=0o600)
+                write_text_whole(self._cache_file(uses), with_checksum(answers), self._store.temporary(), mode=0o600)
         self._new.clear()
 
     def stage(self, uses: str) -> Stage:
@@ -207,7 +207,7 @@ class Catalogue:
 
 
 def _read_answers(file: Path) -> dict[str, Any]:
-    return read_sealed(file) or {}
+    return read_checksummed(file) or {}
 
 
 def import_stage(package: str, uses: str) -> Stage:

@@ -24,8 +24,8 @@ from pipeline.canonical import digest_of, digest_of_file
 from pipeline.code import fingerprint
 from pipeline.code.fingerprint import Module, read_module, resource_files
 from pipeline.errors import UserError
+from pipeline.store.checksummed import read_checksummed, with_checksum, write_text_whole
 from pipeline.store.look import Look, is_settled, look_of
-from pipeline.store.sealed import read_sealed, sealed, write_text_whole
 from pipeline.store.store import Store
 
 
@@ -75,12 +75,12 @@ class SourceCache:
         content = {name: _as_json(entry) for name, entry in self._known().items() if entry.module.path.is_file()}
         with suppress(OSError):  # a store that cannot be written can still be read
             self.store.folder("cache", "sources")
-            write_text_whole(self._file(), sealed(content), self.store.temporary(), mode=0o600)
+            write_text_whole(self._file(), with_checksum(content), self.store.temporary(), mode=0o600)
         self._new = False
 
     def _known(self) -> dict[str, Entry]:
         if self._entries is None:
-            self._entries = _entries(read_sealed(self._file()) or {})
+            self._entries = _entries(read_checksummed(self._file()) or {})
         return self._entries
 
     def _file(self) -> Path:

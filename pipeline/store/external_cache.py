@@ -20,10 +20,10 @@ from pathlib import Path
 from typing import TextIO
 
 from pipeline.errors import UserError
+from pipeline.store.checksummed import read_checksummed, with_checksum, write_text_whole
 from pipeline.store.external import Contents, contents_of, resolved
 from pipeline.store.look import Look, is_settled, look_of
 from pipeline.store.reading import Reading
-from pipeline.store.sealed import read_sealed, sealed, write_text_whole
 from pipeline.store.store import Store
 
 TRIES = 3
@@ -76,7 +76,7 @@ class ExternalCache:
 
     def contents(self, digest: str) -> Contents | None:
         """The names and digests of the files behind a digest; None if they are unknown."""
-        content = read_sealed(self._listing(digest))
+        content = read_checksummed(self._listing(digest))
         return Contents(content["folder"], content["files"]) if content else None
 
     def _remember(self, place: Path, before: Memory, after: Memory) -> None:
@@ -90,7 +90,7 @@ class ExternalCache:
         with suppress(OSError):  # the store may be read-only, and a full disk is no reason to fail
             aside = self._store.temporary()
             path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-            write_text_whole(path, sealed(content), aside, mode=0o600)
+            write_text_whole(path, with_checksum(content), aside, mode=0o600)
 
 
 def _digest(path: Path, before: Memory, after: Memory) -> str:
@@ -119,7 +119,7 @@ def _digest(path: Path, before: Memory, after: Memory) -> str:
 
 def _read_memory(path: Path) -> Memory:
     """What was cached; empty if the file is missing or damaged."""
-    content = read_sealed(path) or {}
+    content = read_checksummed(path) or {}
     try:
         return {name: (tuple(map(int, entry[:-1])), str(entry[-1])) for name, entry in content.items()}
     except (TypeError, ValueError, IndexError):

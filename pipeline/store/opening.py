@@ -10,7 +10,7 @@ from pipeline.store.absent_store import AbsentStore
 from pipeline.store.bucket.bucket import Bucket
 from pipeline.store.bucket.remote import RemoteStore
 from pipeline.store.external import from_home
-from pipeline.store.hidden import IGNORED
+from pipeline.store.git_ignored import IGNORED
 from pipeline.store.record import RECORD
 from pipeline.store.store import IN_USE, LOCKS, Store
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.canonical import Json
-from pipeline.store.sealed import read_sealed
+from pipeline.store.checksummed import read_checksummed
 
 RECORD = "record.json"
 KEY = re.compile(r"[0-9a-f]{64}")  # keys of actions, and digests of artifacts
@@ -83,9 +83,10 @@ class Record:
 def read_record(path: Path, key: str) -> Record | None:
     """The record of the action `key` in a file; None if it is missing, malformed or altered.
 
-    The seal alone is not trusted: anyone who can write to a bucket can seal a record, and its digests become paths.
+    The checksum alone is not trusted: who can write to a bucket can make a record that fits it, and its digests become
+    paths.
     """
-    content = read_sealed(path) or {}
+    content = read_checksummed(path) or {}
     parts, outputs, provenance = (content.get(name) for name in ("parts", "outputs", "provenance"))
     if content.get("key") != key or not isinstance(parts, dict) or not isinstance(outputs, dict):
         return None

@@ -39,15 +39,15 @@ from pipeline.canonical import Json
 from pipeline.disk import FULL, entries_of, leads_elsewhere, make_folder, remove, remove_where_it_lies, size_of
 from pipeline.errors import CorruptArtifact, UserError
 from pipeline.manifest import MANIFEST
+from pipeline.store.checksummed import read_checksummed, with_checksum, write_text_whole
 from pipeline.store.damaged import ACTIONS, FOREIGN, OBJECTS, Damaged
 from pipeline.store.external import from_home
-from pipeline.store.hidden import hide_from_git
+from pipeline.store.git_ignored import make_git_ignore
 from pipeline.store.history import History
 from pipeline.store.in_use import held, is_held
 from pipeline.store.latest import Latest
 from pipeline.store.pins import Pins
 from pipeline.store.record import RECORD, Record, read_record
-from pipeline.store.sealed import read_sealed, sealed, write_text_whole
 from pipeline.store.temporary import OwnFolder, sweep
 
 LOCKS, IN_USE = "locks", "in_use"
@@ -81,7 +81,7 @@ class Store:
     def mark(self) -> None:
         """Makes `root` a folder that `is_store` recognises and git ignores. Raises OSError if it cannot."""
         (self.folder(LOCKS) / IN_USE).touch()
-        hide_from_git(self.root)
+        make_git_ignore(self.root)
 
     def object(self, digest: str) -> Path:
         """The path at which an artifact is, or would be."""
@@ -196,7 +196,7 @@ class Store:
         files cannot be locked there.
         """
         with held(self.folder(LOCKS) / IN_USE, self.root, alone):
-            hide_from_git(self.root)
+            make_git_ignore(self.root)
             yield
 
     def find(self, key: str) -> Record | None:
@@ -333,7 +333,7 @@ class Store:
         """
         outputs = {}
         for name, writer in writers.items():
-            artifact = writer.seal()
+            artifact = writer.finish()
             outputs[name] = artifact.digest
             self.folder("objects")
             with self.lock(artifact.digest):
@@ -358,7 +358,7 @@ class Store:
         }
         file = aside / RECORD
         file.touch(mode=0o600 if private else 0o644)
-        file.write_text(sealed(content))
+        file.write_text(with_checksum(content))
         flush(file)
         flush(aside)
         if os.path.lexists(target) and self.find(record.key) is None:
@@ -391,7 +391,7 @@ class Store:
         content = {name: {"digest": module, "definitions": dict(definitions[name])} for name, module in modules.items()}
         with suppress(OSError):
             self.folder("code")
-            write_text_whole(self._code(digest), sealed({"modules": content}), self.temporary())
+            write_text_whole(self._code(digest), with_checksum({"modules": content}), self.temporary())
 
     def latest_digests(self) -> dict[str, str]:
         """The digest that each link `<workflow>/<stage>.<output>` leads to, whether or not it is still in the store."""
@@ -407,7 +407,7 @@ class Store:
 
     def code(self, digest: str) -> dict[str, Any] | None:
         """The `digest` and `definitions` of each module that a digest of code stands for; None if unknown."""
-        content = read_sealed(self._code(digest))
+        content = read_checksummed(self._code(digest))
         return content["modules"] if content else None
 
     def _code(self, digest: str) -> Path:

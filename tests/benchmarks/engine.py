@@ -24,10 +24,10 @@ from pipeline.manifest import FileRecord, Manifest
 from pipeline.plan.keys import key_of, key_parts
 from pipeline.provenance import machine
 from pipeline.stage import output_is_private
+from pipeline.store.checksummed import with_checksum
 from pipeline.store.history import StageResult
 from pipeline.store.opening import open_store
 from pipeline.store.record import RECORD, Record
-from pipeline.store.sealed import sealed
 from pipeline.store.store import Store
 from pipeline.workflow.graph import Node, Source
 
@@ -146,7 +146,7 @@ def make_up(store: Store, kind: str, private: bool, text: str) -> str:
 def write_record(store: Store, record: Record) -> None:
     folder = store.folder("actions", record.key)
     content = {"key": record.key, "parts": record.parts, "outputs": record.outputs, "provenance": record.provenance}
-    (folder / RECORD).write_text(sealed(content))
+    (folder / RECORD).write_text(with_checksum(content))
 
 
 if __name__ == "__main__":

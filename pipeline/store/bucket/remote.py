@@ -37,11 +37,11 @@ from pipeline.store.bucket.remote_artifacts import RemoteArtifacts
 from pipeline.store.bucket.remote_damaged import RemoteDamaged, damaged_record_name
 from pipeline.store.bucket.remote_history import RemoteHistory
 from pipeline.store.bucket.remote_pins import RemotePins
+from pipeline.store.checksummed import write_text_whole
 from pipeline.store.damaged import ACTIONS, name_in_damaged
 from pipeline.store.history import History
 from pipeline.store.pins import Pins
 from pipeline.store.record import KEY, RECORD, Record, read_record
-from pipeline.store.sealed import write_text_whole
 from pipeline.store.store import Store, Young
 
 CACHE = "GS_HIDER_CACHE"

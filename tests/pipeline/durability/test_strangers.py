@@ -31,7 +31,7 @@ def artifact(tmp_path: Path) -> Path:
     return tmp_path / "artifact"
 
 
-def seal_again(directory: Path, **changes: Any) -> None:
+def finish_again(directory: Path, **changes: Any) -> None:
     """What a stranger can do: write a manifest that fits the files and says anything about arrays."""
     before = read_manifest(directory)
     arrays = {
@@ -69,9 +69,9 @@ def refused(directory: Path) -> None:
             attempt()
 
 
-def test_what_is_sealed_again_can_be_read(artifact: Path) -> None:
+def test_what_is_finished_again_can_be_read(artifact: Path) -> None:
     """Otherwise, the tests below would prove nothing."""
-    seal_again(artifact)
+    finish_again(artifact)
     load(artifact).verify()
     np.testing.assert_array_equal(load(artifact).read("values"), np.arange(1000.0))
 
@@ -82,7 +82,7 @@ def test_what_is_sealed_again_can_be_read(artifact: Path) -> None:
 )
 def test_descriptions_as_another_zarr_writes_them(artifact: Path, change: Callable[[dict[str, Any]], object]) -> None:
     describe(artifact, change)
-    seal_again(artifact)
+    finish_again(artifact)
     np.testing.assert_array_equal(load(artifact).read("values"), np.arange(1000.0))
 
 
@@ -122,7 +122,7 @@ def test_descriptions_as_another_zarr_writes_them(artifact: Path, change: Callab
 )
 def test_descriptions_that_are_not_ours(artifact: Path, change: Callable[[dict[str, Any]], object]) -> None:
     describe(artifact, change)
-    seal_again(artifact)
+    finish_again(artifact)
     refused(artifact)
 
 
@@ -148,7 +148,7 @@ def test_pickles_of_the_older_format_are_not_touched(artifact: Path, tmp_path: P
     }
     (folder / ".zarray").write_text(json.dumps(description))
     (folder / "0").write_bytes(pickle.dumps(np.array([Bomb()], dtype=object)))
-    seal_again(artifact, dtype="|O", shape=[1], chunks=[1])
+    finish_again(artifact, dtype="|O", shape=[1], chunks=[1])
     refused(artifact)
     assert not proof.exists()
 
@@ -177,7 +177,7 @@ def test_absurd_manifests(artifact: Path, shape: list[Any], chunks: list[int], d
         content["chunk_grid"]["configuration"]["chunk_shape"] = chunks
 
     describe(artifact, change)
-    seal_again(artifact, shape=shape, chunks=chunks, dtype=dtype)
+    finish_again(artifact, shape=shape, chunks=chunks, dtype=dtype)
     refused(artifact)
 
 
@@ -217,7 +217,7 @@ UNCHECKED = bytes(numcodecs.Zstd(level=3, checksum=False).encode(np.arange(1000.
 )
 def test_chunks_that_unfold_into_something_else(artifact: Path, chunk: bytes) -> None:
     (artifact / CHUNK).write_bytes(chunk)
-    seal_again(artifact)
+    finish_again(artifact)
     refused(artifact)
 
 
@@ -232,24 +232,24 @@ def test_a_chunk_that_says_how_much_memory_it_would_take(artifact: Path) -> None
         content["shape"] = content["chunk_grid"]["configuration"]["chunk_shape"] = [items]
 
     describe(artifact, change)
-    seal_again(artifact, shape=[items], chunks=[items])
+    finish_again(artifact, shape=[items], chunks=[items])
     refused(artifact)
 
 
 def test_other_numbers_under_a_manifest(artifact: Path) -> None:
     """A chunk that is sound in itself, but not the one that was written."""
     (artifact / CHUNK).write_bytes(zstandard(np.ones(1000).tobytes()))
-    seal_again(artifact)
+    finish_again(artifact)
     with pytest.raises(CorruptArtifact, match="numbers that were written"):
         load(artifact).read("values")
 
 
 def test_missing_and_foreign_chunks(artifact: Path) -> None:
     (artifact / CHUNK).rename(artifact / ARRAY / "c/1")
-    seal_again(artifact)
+    finish_again(artifact)
     refused(artifact)
     (artifact / ARRAY / "c/0").write_bytes((artifact / ARRAY / "c/1").read_bytes())
-    seal_again(artifact)
+    finish_again(artifact)
     refused(artifact)
 
 

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from pipeline.cli import app
-from pipeline.store.sealed import SEAL, sealed
+from pipeline.store.checksummed import CHECKSUM, with_checksum
 from pipeline.store.store import Store
 from pipeline.store.verification import Checked, verify_store
 from tests.pipeline.helpers import CHAIN, Workspace
@@ -146,16 +146,18 @@ def test_an_altered_record(workspace: Workspace, change: Callable[[object], obje
         lambda content: content["provenance"].update(accepted=[{"when": "today"}]),
     ],
 )
-def test_a_sealed_record_of_another_form_is_no_record(workspace: Workspace, change: Callable[[object], object]) -> None:
+def test_a_record_of_another_form_is_none_though_its_checksum_is_right(
+    workspace: Workspace, change: Callable[[object], object]
+) -> None:
     """So whatever reads records need not check what is in them."""
     ran = workspace.write(CHAIN).run()
     store = ran.project.store
     key = str(ran.ended["twice"].key)
     file = store.root / "actions" / key / "record.json"
     content = json.loads(file.read_text())
-    del content[SEAL]
+    del content[CHECKSUM]
     change(content)
-    file.write_text(sealed(content))
+    file.write_text(with_checksum(content))
     (found,) = damaged(store, dry_run=True)
     assert (found.what, found.name, found.damage) == ("record", key, "altered since it was written")
     collected = CliRunner().invoke(app, ["gc", "--dry-run", "--keep-last", "1", "--store", str(store.root)])
@@ -165,14 +167,16 @@ def test_a_sealed_record_of_another_form_is_no_record(workspace: Workspace, chan
     assert damaged(store) == []
 
 
-def test_a_sealed_record_of_other_parts_than_its_key_says(workspace: Workspace) -> None:
+def test_a_record_of_other_parts_than_its_key_says_though_its_checksum_is_right(
+    workspace: Workspace,
+) -> None:
     ran = workspace.write(CHAIN).run()
     key = str(ran.ended["twice"].key)
     file = ran.project.store.root / "actions" / key / "record.json"
     content = json.loads(file.read_text())
-    del content[SEAL]
+    del content[CHECKSUM]
     content["parts"]["parameters"]["factor"] = 3.0
-    file.write_text(sealed(content))
+    file.write_text(with_checksum(content))
     (found,) = damaged(ran.project.store)
     assert (found.what, found.name, found.damage) == ("record", key, "its parts do not match its key")
     assert workspace.run().states["twice"] == "ran"

@@ -17,7 +17,7 @@ pytest.importorskip("s3fs", reason='stores in a bucket are tested with pip insta
 
 from pipeline.artifact import load
 from pipeline.cli import app
-from pipeline.store.sealed import sealed
+from pipeline.store.checksummed import with_checksum
 from tests.pipeline.elsewhere import Elsewhere
 from tests.pipeline.helpers import CHAIN, TOYS
 from tests.pipeline.model import StageNode
@@ -231,12 +231,12 @@ def test_only_keys_and_digests_count(chain: Elsewhere) -> None:
     assert (store.actions, store.objects, store.history.workflows()) == (actions, objects, workflows)
 
 
-def test_a_sealed_record_with_paths_in_it(chain: Elsewhere) -> None:
+def test_a_record_with_paths_in_it_whose_checksum_is_right(chain: Elsewhere) -> None:
     store = chain.store()
     record = next(iter(store.records()))
     outputs = dict.fromkeys(record.outputs, "../../../x")
     content = {"key": record.key, "parts": record.parts, "outputs": outputs, "provenance": record.provenance}
-    store._bucket.put(f"actions/{record.key}.json", sealed(content).encode())
+    store._bucket.put(f"actions/{record.key}.json", with_checksum(content).encode())
     assert store.kept_record(record.key) is None
 
 

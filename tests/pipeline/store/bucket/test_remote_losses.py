@@ -11,8 +11,8 @@ pytest.importorskip("s3fs", reason='stores in a bucket are tested with pip insta
 
 from pipeline.errors import RemoteError
 from pipeline.store.bucket.bucket import Bucket
+from pipeline.store.checksummed import with_checksum
 from pipeline.store.garbage import Rules, collect
-from pipeline.store.sealed import sealed
 from pipeline.store.verification import MENDED, verify_store
 from tests.pipeline.elsewhere import Elsewhere
 
@@ -88,7 +88,7 @@ def test_a_journal_of_a_stranger_leads_nowhere(remote: Elsewhere, tmp_path: Path
     record = {"key": str(victim), "parts": {}, "outputs": {}, "provenance": {**facts, "private": False}}
     result = {"name": "key", "state": "ran", "key": str(victim), "outputs": {"numbers": 64 * "0"}}
     bucket = remote.store()._bucket
-    bucket.put(f"actions/{victim}.json", sealed(record).encode())
+    bucket.put(f"actions/{victim}.json", with_checksum(record).encode())
     bucket.put("runs/hides/20260101T000000.000000Z-00000000.jsonl", f"{json.dumps(result)}\n".encode())
     assert remote.plan()["key"].state == "run"
     assert remote.store().record(str(victim)) is None

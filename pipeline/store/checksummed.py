@@ -10,7 +10,7 @@ from typing import Any
 from pipeline.canonical import digest_of
 from pipeline.disk import read_json_object
 
-SEAL = "sha256"
+CHECKSUM = "sha256"
 
 
 def write_text_whole(path: Path, text: str, aside: Path, mode: int = 0o666) -> None:
@@ -23,15 +23,15 @@ def write_text_whole(path: Path, text: str, aside: Path, mode: int = 0o666) -> N
     aside.replace(path)
 
 
-def sealed(content: Mapping[str, Any]) -> str:
-    """`content` as JSON, with a checksum by which `read_sealed` knows that it is whole."""
-    return json.dumps({**content, SEAL: digest_of(dict(content))}, indent=1, sort_keys=True, allow_nan=False) + "\n"
+def with_checksum(content: Mapping[str, Any]) -> str:
+    """`content` as JSON, with a checksum by which `read_checksummed` knows that it is whole."""
+    return json.dumps({**content, CHECKSUM: digest_of(dict(content))}, indent=1, sort_keys=True, allow_nan=False) + "\n"
 
 
-def read_sealed(path: Path) -> dict[str, Any] | None:
-    """The content of a file that `sealed` made, without the checksum; None if it is missing or altered."""
+def read_checksummed(path: Path) -> dict[str, Any] | None:
+    """The content of a file that `with_checksum` made, without the checksum; None if it is missing or altered."""
     content = read_json_object(path)
     try:
-        return content if content and content.pop(SEAL, None) == digest_of(content) else None
+        return content if content and content.pop(CHECKSUM, None) == digest_of(content) else None
     except (TypeError, ValueError, RecursionError):
         return None

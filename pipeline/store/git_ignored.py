@@ -10,7 +10,7 @@ IGNORED = ".gitignore"
 EVERYTHING = b"# Results, private ones among them.\n*\n"
 
 
-def hide_from_git(folder: Path) -> None:
+def make_git_ignore(folder: Path) -> None:
     """Writes a `.gitignore` that covers everything, unless there is one already: the user may have changed it.
 
     Does nothing if the folder cannot be written: it may be another user's.

@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[3]
 WRITE = """
 import sys
 from pathlib import Path
-from pipeline.store.sealed import write_text_whole
+from pipeline.store.checksummed import write_text_whole
 
 write_text_whole(Path(sys.argv[1]), "K\\u00fcche", Path(sys.argv[2]))
 """
