@@ -179,6 +179,14 @@ def _size_there(path: Path) -> int:
         return 0
 
 
+def size_at(path: Path) -> int:
+    """Bytes of the file to which a path leads, over links; 0 if there is none that can be seen."""
+    try:
+        return path.stat().st_size
+    except OSError:
+        return 0
+
+
 def remove(path: Path) -> None:
     """Deletes a file, or a folder with everything in it, if it exists."""
     if path.is_dir() and not path.is_symlink():

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import groupby
 
 from pipeline.canonical import Json
-from pipeline.console.tables import in_short, number_words, rows_table, table
+from pipeline.console.tables import in_short, indented, number_words, rows_table, table
 from pipeline.console.wording import duration
 from pipeline.disk import size_words
 from pipeline.plain_text import in_a_line, without_controls
@@ -23,9 +23,9 @@ def lines_of(description: Description, everything: bool) -> Iterator[str]:
     if description.attributes:
         yield from ("", "attributes", *_pairs(description.attributes, everything))
     if description.arrays:
-        yield from ("", "arrays", *_indented(_arrays(description)))
+        yield from ("", "arrays", *indented(_arrays(description)))
     if description.files:
-        yield from ("", "files", *_indented(_files(description.files, everything)))
+        yield from ("", "files", *indented(_files(description.files, everything)))
     for file in description.files:
         yield from _content(file, everything)
     if description.origin:
@@ -100,12 +100,12 @@ def _content(file: FileDescription, everything: bool) -> Iterator[str]:
     if file.rows is not None:
         rows, how = (list(file.rows), None) if everything else in_short(file.rows, ROWS)
         yield from ("", f"{spelled(file.name)}{f' ({how}; --all shows them)' if how else ''}")
-        yield from _indented(rows_table(rows, spelled))
+        yield from indented(rows_table(rows, spelled))
     elif file.text is not None:
         shown = file.text if everything else file.text[:ROWS]
         left = len(file.text) - len(shown)
         yield from ("", spelled(file.name))
-        yield from _indented(spelled(line) for line in shown)
+        yield from indented(spelled(line) for line in shown)
         if left:
             yield f"  … {left} more lines; --all shows them"
 
@@ -119,7 +119,7 @@ def _origin(origin: Origin, everything: bool) -> Iterator[str]:
     machine = origin.machine
     where = ", ".join(str(machine[name]) for name in ("host", "processor") if machine.get(name))
     cores = f", {machine['cores']} cores" if machine.get("cores") else ""
-    yield from _indented(
+    yield from indented(
         table(
             [
                 ["by", f"{in_a_line(origin.made_by)} ({origin.uses}), {origin.started}, in {duration(origin.seconds)}"],
@@ -133,22 +133,22 @@ def _origin(origin: Origin, everything: bool) -> Iterator[str]:
     for title, values in (("recorded", origin.facts), ("parameters", origin.parameters)):
         if values:
             yield f"  {title}"
-            yield from _indented(_pairs(values, everything))
+            yield from indented(_pairs(values, everything))
     if origin.inputs:
         yield "  inputs"
         taken = [
             [name, ", ".join(in_a_line(f"{one.made_by} {one.digest[:12]}".strip()) for one in group) or "none"]
             for name, group in origin.inputs.items()
         ]
-        yield from _indented(_indented(table(taken)))
+        yield from indented(indented(table(taken)))
     yield "  lineage"
     steps = [[in_a_line(step.name), step.uses, duration(step.seconds)] for step in origin.lineage]
-    yield from _indented(_indented(table(steps, right=(2,))))
+    yield from indented(indented(table(steps, right=(2,))))
 
 
 def _pairs(values: Mapping[str, Json], everything: bool) -> list[str]:
     rows = [[in_a_line(name), _value(value, everything)] for name, value in sorted(values.items())]
-    return _indented(table(rows))
+    return indented(table(rows))
 
 
 def _value(value: Json, everything: bool) -> str:
@@ -161,7 +161,3 @@ def _value(value: Json, everything: bool) -> str:
     if isinstance(value, list) and len(text) > 80:
         return f"{len(value)}: {in_a_line(text[1:70].rstrip(', '))} …"
     return in_a_line(text)
-
-
-def _indented(lines: Iterable[str]) -> list[str]:
-    return [f"  {line}" for line in lines]

@@ -8,7 +8,7 @@ import textwrap
 from collections.abc import Iterator, Mapping
 
 from pipeline.code.manual import ParameterManual, StageManual
-from pipeline.console.tables import table
+from pipeline.console.tables import indented, table
 from pipeline.stage import Input, Output
 
 WIDEST = 120  # characters of a line; narrower terminals get narrower lines
@@ -28,8 +28,8 @@ def lines_of_manual(manual: StageManual) -> Iterator[str]:
         yield ""
         yield from _wrapped(paragraph)
     if manual.inputs:
-        yield from ("", "in", *_indented(table([[name, _taken(port)] for name, port in manual.inputs.items()])))
-    yield from ("", "out", *_indented(table([[name, _made(port)] for name, port in manual.outputs.items()])))
+        yield from ("", "in", *indented(table([[name, _taken(port)] for name, port in manual.inputs.items()])))
+    yield from ("", "out", *indented(table([[name, _made(port)] for name, port in manual.outputs.items()])))
     if manual.parameters:
         yield from ("", "with")
         for name, parameter in manual.parameters.items():
@@ -65,7 +65,3 @@ def _wrapped(text: str, first: str = "", others: str = "") -> list[str]:
         break_long_words=False,
         break_on_hyphens=False,
     )
-
-
-def _indented(lines: list[str]) -> list[str]:
-    return [f"  {line}" for line in lines]

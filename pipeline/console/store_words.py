@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-from pipeline.console.tables import table
+from pipeline.console.tables import indented, table
 from pipeline.console.wording import duration
 from pipeline.disk import size_words
 from pipeline.plain_text import in_a_line, without_controls
@@ -102,7 +102,7 @@ def collection_words(garbage: Garbage, dry_run: bool) -> list[str]:
         for waste in garbage.waste
     ]
     verb = "Would delete" if dry_run else "Deleted"
-    lines = [f"{verb}:", *(f"  {line}" for line in table(rows, right=(2, 3)))] if rows else []
+    lines = [f"{verb}:", *indented(table(rows, right=(2, 3)))] if rows else []
     lines += ["Kept:", *(f"  {in_a_line(remark)}" for remark in garbage.remarks)] if garbage.remarks else []
     total = (
         f"{size_words(garbage.size)} {'would be' if dry_run else 'were'} freed"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from pipeline.canonical import Json
 from pipeline.plain_text import LONGEST_LINE, in_a_line
@@ -29,6 +29,11 @@ def table(rows: Sequence[Sequence[str]], right: Sequence[int] = ()) -> list[str]
         ).rstrip()
         for row in rows
     ]
+
+
+def indented(lines: Iterable[str]) -> list[str]:
+    """Lines that stand under a title."""
+    return [f"  {line}" for line in lines]
 
 
 def rows_table(rows: Sequence[Row], spelled: Callable[[str], str] = in_a_line) -> list[str]:

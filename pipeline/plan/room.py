@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
-from pipeline.disk import free_bytes, size_words
+from pipeline.disk import free_bytes, size_at, size_words
 from pipeline.store.store import Store
 from pipeline.workflow.graph import Node
 
@@ -31,11 +31,4 @@ def lacking_room(nodes: Iterable[Node], store: Store) -> str | None:
 def _bytes_at(path: str) -> int:
     """Bytes of a file, or of all files under a folder; links are followed, as they are in copying."""
     files = [Path(folder, name) for folder, _, names in os.walk(path, followlinks=True) for name in names]
-    return sum(map(_size, files or [Path(path)]))
-
-
-def _size(file: Path) -> int:
-    try:
-        return file.stat().st_size
-    except OSError:
-        return 0
+    return sum(map(size_at, files or [Path(path)]))

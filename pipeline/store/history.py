@@ -24,7 +24,7 @@ from typing import Any, cast, get_args
 
 from pipeline.disk import entries_of, leads_elsewhere, parse_json, read_plain_file
 from pipeline.events import StageState
-from pipeline.store.record import KEY, is_time
+from pipeline.store.record import is_digest, is_time
 
 
 @dataclass(frozen=True)
@@ -160,7 +160,7 @@ class History:
         results = _results(lines)
         began = any(content.get("whole") is True and content.get("stages") == len(results) for content in lines)
         ended = any("ended" in content for content in lines)
-        keys = frozenset(content["began"] for content in lines if _is_key(content.get("began")))
+        keys = frozenset(content["began"] for content in lines if is_digest(content.get("began")))
         return PastRun(results, keys, whole=began and ended)
 
     def last_given(self, workflow: str) -> tuple[str, ...]:
@@ -231,11 +231,6 @@ def _lines(journal: Path) -> Iterator[dict[str, Any]]:
             yield content
 
 
-def _is_key(found: object) -> bool:
-    """Whether this can be an action's key, by which files are named: a journal in a bucket may be anyone's."""
-    return isinstance(found, str) and KEY.fullmatch(found) is not None
-
-
 def _results(lines: Iterable[Mapping[str, Any]]) -> dict[str, StageResult]:
     results = (_result(content) for content in lines)
     return {result.name: result for result in results if result}
@@ -249,7 +244,7 @@ def _result(content: Mapping[str, Any]) -> StageResult | None:
     sound = (
         isinstance(name, str)
         and state in get_args(StageState)
-        and (key is None or _is_key(key))
+        and (key is None or is_digest(key))
         and is_time(seconds)
         and isinstance(cause, str | None)
         and isinstance(outputs, dict)

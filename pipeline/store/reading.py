@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TextIO
 
-from pipeline.disk import size_words
+from pipeline.disk import size_at, size_words
 from pipeline.plain_text import in_a_line
 
 PATIENCE = 2.0  # seconds of silence at the beginning
@@ -52,7 +52,7 @@ class Reading:
 
     def _say(self) -> None:
         self._told = True
-        self._sizes = self._sizes or [_size(file) for file in self._files]
+        self._sizes = self._sizes or [size_at(file) for file in self._files]
         read, total = sum(self._sizes[: self._done]), sum(self._sizes)
         counted = f"{self._done:,} of {len(self._files):,} files"
         text = (
@@ -66,10 +66,3 @@ class Reading:
     def _write(self, text: str) -> None:
         with suppress(OSError):
             print(text, file=self._stream, end="", flush=True)
-
-
-def _size(file: Path) -> int:
-    try:
-        return file.stat().st_size
-    except OSError:
-        return 0

@@ -12,7 +12,7 @@ from pipeline.canonical import Json
 from pipeline.store.checksummed import read_checksummed
 
 RECORD = "record.json"
-KEY = re.compile(r"[0-9a-f]{64}")  # keys of actions, and digests of artifacts
+DIGEST = re.compile(r"[0-9a-f]{64}")
 TOLD = {"started": str, "versions": dict, "machine": dict, "facts": dict, "private": bool}
 """What the provenance contains in every version, with its types; besides, `seconds`."""
 LONGEST = 1e12
@@ -90,7 +90,7 @@ def read_record(path: Path, key: str) -> Record | None:
     parts, outputs, provenance = (content.get(name) for name in ("parts", "outputs", "provenance"))
     if content.get("key") != key or not isinstance(parts, dict) or not isinstance(outputs, dict):
         return None
-    if not all(map(_is_digest, outputs.values())) or not isinstance(provenance, dict) or not _is_told(provenance):
+    if not all(map(is_digest, outputs.values())) or not isinstance(provenance, dict) or not _is_told(provenance):
         return None
     return Record(key, parts, outputs, provenance)
 
@@ -101,8 +101,12 @@ def _groups(given: Json) -> dict[str, list[str]]:
     return {name: [str(digest) for digest in group] for name, group in groups if isinstance(group, list)}
 
 
-def _is_digest(value: object) -> bool:
-    return isinstance(value, str) and KEY.fullmatch(value) is not None
+def is_digest(found: object) -> bool:
+    """Whether this can be the digest of an artifact or the key of an action.
+
+    Files are named by them, and what is in a bucket may be anyone's.
+    """
+    return isinstance(found, str) and DIGEST.fullmatch(found) is not None
 
 
 def is_time(found: object) -> bool:

@@ -41,7 +41,7 @@ from pipeline.store.checksummed import write_text_whole
 from pipeline.store.damaged import ACTIONS, name_in_damaged
 from pipeline.store.history import History
 from pipeline.store.pins import Pins
-from pipeline.store.record import KEY, RECORD, Record, read_record
+from pipeline.store.record import RECORD, Record, is_digest, read_record
 from pipeline.store.store import Store, Young
 
 CACHE = "GS_HIDER_CACHE"
@@ -168,7 +168,7 @@ class RemoteStore(Store):
 
     def _record_in_bucket(self, key: str, aside: Path) -> Record | None:
         """The record of an action as it is in the bucket, whatever the mirror has; its file is written to `aside`."""
-        data = self._bucket.get(_record_name(key)) if KEY.fullmatch(key) else None
+        data = self._bucket.get(_record_name(key)) if is_digest(key) else None
         if data is None:
             return None
         aside.write_bytes(data)
@@ -280,7 +280,7 @@ class RemoteStore(Store):
     def _withdrawn(self) -> set[str]:
         """The keys of the records that were set aside in the bucket."""
         names = self._bucket.names(f"damaged/{ACTIONS}")
-        return {key for name in names if KEY.fullmatch(key := name_in_damaged(name))}
+        return {key for name in names if is_digest(key := name_in_damaged(name))}
 
     def commit(
         self, key: str, parts: Mapping[str, Json], writers: Mapping[str, ArtifactWriter], provenance: Mapping[str, Any]
@@ -410,4 +410,4 @@ def _code_name(digest: str) -> str:
 def _key_in(name: str) -> str | None:
     """The key of the action whose record has this name in the bucket; None for any other name."""
     path = PurePosixPath(name)
-    return path.stem if path.parent.name == "actions" and path.suffix == ".json" and KEY.fullmatch(path.stem) else None
+    return path.stem if path.parent.name == "actions" and path.suffix == ".json" and is_digest(path.stem) else None

@@ -18,7 +18,7 @@ from pipeline.artifact import Artifact
 from pipeline.errors import CorruptArtifact
 from pipeline.manifest import MANIFEST, read_manifest
 from pipeline.store.bucket.bucket import Bucket
-from pipeline.store.record import KEY
+from pipeline.store.record import is_digest
 
 DAMAGED = "damaged/objects"
 
@@ -143,10 +143,10 @@ def _file_name(digest: str, sha256: str) -> str:
 def _digest_in(name: str) -> str | None:
     """The digest of the artifact that an object is part of; None for any other object."""
     digest = name.split("/")[1].removesuffix(".json")
-    return digest if KEY.fullmatch(digest) else None
+    return digest if is_digest(digest) else None
 
 
 def _digest_of(name: str) -> str | None:
     """The digest of the artifact whose manifest has this name; None for any other name."""
     path = PurePosixPath(name)
-    return path.stem if path.suffix == ".json" and KEY.fullmatch(path.stem) else None
+    return path.stem if path.suffix == ".json" and is_digest(path.stem) else None
