@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -23,6 +23,9 @@ from pipeline.disk import words_of
 from pipeline.errors import PipelineError, UserError
 from pipeline.plain_text import without_controls
 from pipeline.store.external import from_home
+
+if TYPE_CHECKING:
+    from pipeline.store.store import Store
 
 WorkflowFile = Annotated[
     Path,
@@ -140,6 +143,14 @@ def say(text: str) -> None:
 def near(path: Path) -> Path:
     """The path as one would type it here: relative if it is below the current folder."""
     return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
+
+
+def where_it_is(store: Store) -> str:
+    """A sentence that says where a store is, and whether it exists."""
+    from pipeline.store.absent_store import AbsentStore
+
+    where = store.address if "://" in store.address else near(store.root)
+    return f"The store is {where}{', which does not exist yet' if isinstance(store, AbsentStore) else ''}"
 
 
 def command_line() -> str:
