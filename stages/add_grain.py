@@ -10,12 +10,11 @@ from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.hiding.key import generator_apart, key_generator
 from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.opening import refuse_sealed
-from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
+from stages.hiding.storage import check_drawn, read_gaussians, read_method, write_container
 from stages.hiding.watermark.coins import thrown
 from stages.hiding.watermark.grain import MEASURED_ON, grained
 from stages.scene.learnt_views import learnt_names
 from stages.scene.scene import read_scene
-from stages.scene.world_scale import refuse_other_world
 
 
 class AddGrainParameters(Parameters):
@@ -60,8 +59,7 @@ def add_grain(context: Context, parameters: AddGrainParameters) -> None:
     """
     torch.set_num_threads(parameters.threads)
     container = context.input("container")
-    check_method(container, parameters.method)
-    refuse_other_world(container, context.input("cover"))
+    check_drawn(container, parameters.method, context.input("cover"))
     refuse_sealed(context.input_optional("secret"), "add_grain")
     device, scene = working_device(), read_scene(context.input("cover"))
     method = read_method(container, context.input_optional("secret"), device)

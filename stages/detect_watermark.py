@@ -39,7 +39,7 @@ from stages.analysis.watermark_trials import (
 from stages.analysis.watermarked_containers import attacked_containers
 from stages.hiding.method import move_networks
 from stages.hiding.method_names import PLAIN, MethodName, module_of
-from stages.hiding.storage import check_method, read_gaussians, read_method
+from stages.hiding.storage import check_drawn, read_gaussians, read_method
 from stages.hiding.watermark.reading import FOUND_SHARE, owners_reader
 from stages.hiding.watermark.rendering import each_render, renders
 from stages.hiding.watermark.storage import read_codec
@@ -53,7 +53,6 @@ from stages.imaging.windows import is_as_large, windows_of_all
 from stages.scene.camera_path import camera_path
 from stages.scene.cameras import Cameras
 from stages.scene.scene import Scene, read_scene
-from stages.scene.world_scale import refuse_other_world
 from stages.training.codec_photos import read_photos
 from stages.training.libraries import LIBRARIES
 
@@ -135,7 +134,7 @@ def detect_watermark(context: Context, parameters: DetectWatermarkParameters) ->
     from before. They are counted separately, since decoders know that scene.
     """
     torch.set_num_threads(parameters.threads)
-    _refuse_other_worlds(context)
+    _check_what_is_drawn(context, parameters.method)
     scene = read_scene(context.input("cover"))
     cameras = scene.cameras
     watermark = filling(read_image(context.input("watermark"))[1], cameras.width, cameras.height)
@@ -176,11 +175,15 @@ def _seen_before(context: Context, checkpoints: Checkpoints) -> list[Shown]:
     return seen
 
 
-def _refuse_other_worlds(context: Context) -> None:
+def _check_what_is_drawn(context: Context, method: str) -> None:
     """Checked before any work: the pictures that need them come last, after hours."""
-    refuse_other_world(context.input("before"), context.input("cover"))
+    cover, before = context.input("cover"), context.input("before")
+    check_drawn(context.input("container"), method, cover)
+    check_drawn(before, PLAIN if before.kind == "splats" else method, cover)
+    if (control := context.input_optional("control")) is not None:
+        check_drawn(control, method, cover)
     for splats, scene in zip(context.input_many("other_splats"), context.input_many("other_scenes"), strict=False):
-        refuse_other_world(splats, scene)
+        check_drawn(splats, PLAIN, scene)
 
 
 def _detector(
@@ -202,7 +205,6 @@ def _detector(
 
 def _positives(context: Context, parameters: DetectWatermarkParameters, scene: Scene) -> Positives:
     container = context.input("container")
-    check_method(container, parameters.method)
     tests = _renders(container, scene.cameras.select(scene.test_names), context.stop_if_requested)
     path = camera_path(scene.cameras, scene.points, parameters.renders)
     new = _renders(container, path, context.stop_if_requested)

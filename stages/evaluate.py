@@ -18,7 +18,7 @@ from stages.analysis.public_scores import comparisons_for_the_public, rows_for_t
 from stages.analysis.scoring import HiddenImage, Scores, leakage_rows, score, views_for_the_public
 from stages.hiding.method_names import PLAIN, MethodName, module_of
 from stages.hiding.opening import read_container
-from stages.hiding.storage import bytes_of, check_method
+from stages.hiding.storage import bytes_of, check_drawn
 from stages.hiding.what_is_hidden import hidden_messages, view_that_hides
 from stages.imaging.image import filling, read_image
 from stages.imaging.lpips import Lpips, load_lpips, networks_for
@@ -26,7 +26,6 @@ from stages.imaging.lpips_weights import HOW_TO_INSTALL, Network, weights_instal
 from stages.imaging.metric_table import MetricRow, write_rows
 from stages.scene.message_views import MessageViews, read_messages
 from stages.scene.scene import Scene, read_scene
-from stages.scene.world_scale import refuse_other_world
 
 Networks = Literal["vgg", "alex", "both", "none"]
 NETWORKS: Mapping[Networks, tuple[Network, ...]] = {
@@ -86,10 +85,9 @@ def evaluate(context: Context, parameters: EvaluateParameters) -> None:
     perceptual = _perceptual(context, parameters, scene, device)
     container, reference = context.input("container"), context.input_optional("reference")
     secret = context.input_optional("secret")
-    check_method(container, parameters.method)
-    for drawn in (container, reference):
-        if drawn is not None:
-            refuse_other_world(drawn, context.input("cover"))
+    check_drawn(container, parameters.method, context.input("cover"))
+    if reference is not None:
+        check_drawn(reference, PLAIN, context.input("cover"))
     messages = _hidden_messages(messages, secret)
     image = _hidden_image(context.input_optional("image"), secret, scene)
     passes = 1 if reference is None else 2

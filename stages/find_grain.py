@@ -13,13 +13,12 @@ from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.kept import kept, name_on
 from stages.analysis.measurements import KIND, Measurement, write_measurements
 from stages.hiding.method_names import MethodName, module_of
-from stages.hiding.storage import check_method
+from stages.hiding.storage import check_drawn
 from stages.hiding.watermark.reading import CERTAIN, GrainReader, is_colorless, owners_reader
 from stages.imaging.pictures import Picture, read_picture
 from stages.scene.capture import picture_path, read_capture
 from stages.scene.scene import read_scene
 from stages.scene.unreadable import unreadable_names
-from stages.scene.world_scale import refuse_other_world
 
 SCORE, FOUND, UNREADABLE = "standard_score", "has_grain", "cannot_be_read"
 
@@ -57,8 +56,7 @@ def find_grain(context: Context, parameters: FindGrainParameters) -> None:
     """
     torch.set_num_threads(parameters.threads)
     before = context.input("before")
-    check_method(before, parameters.method)
-    refuse_other_world(before, context.input("cover"))
+    check_drawn(before, parameters.method, context.input("cover"))
     scene, key, device = read_scene(context.input("cover")), context.input_optional("key"), working_device()
     drawn_by = describe_drawing(device)
     reader = owners_reader(before, scene, key, parameters.grain_seed, device)

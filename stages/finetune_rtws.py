@@ -12,7 +12,7 @@ from pipeline.artifact import Artifact
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.opening import refuse_sealed
-from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
+from stages.hiding.storage import check_drawn, read_gaussians, read_method, write_container
 from stages.hiding.watermark.storage import read_codec
 from stages.hiding.what_is_hidden import hidden_messages, view_that_hides
 from stages.imaging.image import filling, read_image
@@ -21,7 +21,6 @@ from stages.imaging.pictures import picture_to_tensor
 from stages.scene.cameras import single_cameras
 from stages.scene.message_views import read_message_pictures
 from stages.scene.scene import Scene, read_scene
-from stages.scene.world_scale import refuse_other_world
 from stages.training.feature_tuning import (
     FeatureRates,
     feature_training,
@@ -87,8 +86,7 @@ def finetune_rtws(context: Context, parameters: FinetuneRtwsParameters) -> None:
     torch.set_num_threads(parameters.threads)
     container, secret = context.input("container"), context.input_optional("secret")
     refuse_sealed(secret, "finetune_rtws")
-    check_method(container, parameters.method)
-    refuse_other_world(container, context.input("cover"))
+    check_drawn(container, parameters.method, context.input("cover"))
     device = working_device()
     scene, codec = read_scene(context.input("cover")), read_codec(context.input("codec")).to(device)
     watermark = filling(read_image(context.input("watermark"))[1], scene.cameras.width, scene.cameras.height)

@@ -22,7 +22,7 @@ from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.opening import refuse_sealed
 from stages.hiding.photographs import photographs
 from stages.hiding.rendering import COVER
-from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
+from stages.hiding.storage import check_drawn, read_gaussians, read_method, write_container
 from stages.hiding.watermark.coins import thrown
 from stages.hiding.watermark.grain import MEASURED_ON, grained
 from stages.hiding.watermark.storage import read_codec, write_codec
@@ -35,7 +35,6 @@ from stages.scene.cameras import Cameras, single_cameras
 from stages.scene.gaussians import Gaussians
 from stages.scene.learnt_views import learnt_names
 from stages.scene.scene import Scene, read_scene
-from stages.scene.world_scale import refuse_other_world
 from stages.training.codec_photos import learnt_photos
 from stages.training.feature_tuning import refuse_unknown_attributes
 from stages.training.imprinting import Imprinting, ImprintPictures, ImprintSettings
@@ -107,8 +106,7 @@ def imprint_watermark(context: Context, parameters: ImprintWatermarkParameters) 
     """
     torch.set_num_threads(parameters.threads)
     container, secret = context.input("container"), context.input_optional("secret")
-    check_method(container, parameters.method)
-    refuse_other_world(container, context.input("cover"))
+    check_drawn(container, parameters.method, context.input("cover"))
     device = working_device()
     scene, codec = read_scene(context.input("cover")), read_codec(context.input("codec")).to(device)
     refuse_sealed(secret, "imprint_watermark")

@@ -13,10 +13,9 @@ from stages.analysis.renders import collect_renders, write_renders
 from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.photographs import photographs
 from stages.hiding.rendering import Rendering
-from stages.hiding.storage import check_method, read_gaussians, read_method
+from stages.hiding.storage import check_drawn, read_gaussians, read_method
 from stages.scene.camera_path import camera_path
 from stages.scene.scene import read_scene
-from stages.scene.world_scale import refuse_other_world
 
 
 class RenderViewsParameters(Parameters):
@@ -44,8 +43,7 @@ def render_views(context: Context, parameters: RenderViewsParameters) -> None:
     """
     torch.set_num_threads(parameters.threads)
     container, scene, device = context.input("container"), read_scene(context.input("cover")), working_device()
-    check_method(container, parameters.method)
-    refuse_other_world(container, context.input("cover"))
+    check_drawn(container, parameters.method, context.input("cover"))
     rig = scene.training_cameras
     path = camera_path(rig, scene.points, parameters.views, parameters.bends)
 

@@ -21,12 +21,11 @@ from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.hiding.coupled import FEATURES
 from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.rendering import Rendering, splat
-from stages.hiding.storage import check_method, read_gaussians, read_method
+from stages.hiding.storage import check_drawn, read_gaussians, read_method
 from stages.imaging.metric_table import MetricRow, write_rows
 from stages.scene.cameras import Camera, single_cameras
 from stages.scene.gaussians import Gaussians
 from stages.scene.scene import read_scene
-from stages.scene.world_scale import refuse_other_world
 
 Draw = Callable[[Camera], Rendering]
 
@@ -54,8 +53,7 @@ def time_frames(context: Context, parameters: TimeFramesParameters) -> None:
     """Time what anyone can render: the decoded cover, and the feature map alone."""
     torch.set_num_threads(parameters.threads)
     container = context.input("container")
-    check_method(container, parameters.method)
-    refuse_other_world(container, context.input("cover"))
+    check_drawn(container, parameters.method, context.input("cover"))
     device = working_device()
     gaussians, method = read_gaussians(container, device), read_method(container, device=device)
     scene = read_scene(context.input("cover"))

@@ -15,7 +15,7 @@ from pipeline.artifact import Artifact
 from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.hiding.method_names import MethodName, module_of
-from stages.hiding.storage import check_method, read_gaussians, read_method
+from stages.hiding.storage import check_drawn, read_gaussians, read_method
 from stages.hiding.watermark.rendering import renders
 from stages.hiding.watermark.storage import read_codec, write_codec
 from stages.imaging.image import filling, read_image
@@ -105,23 +105,25 @@ def tune_watermark_decoder(context: Context, parameters: TuneWatermarkDecoderPar
     resulting decoder secret: anyone who has it can alter a picture until it shows nothing.
     """
     torch.set_num_threads(parameters.threads)
+    container, before = context.input("container"), _before(context, parameters)
+    check_drawn(container, parameters.method, context.input("cover"))
+    if before is not None:
+        check_drawn(before, parameters.method, context.input("cover"))
     scene = read_scene(context.input("cover"))
     cameras = scene.cameras.select(learnt_names(scene))
     watermark = filling(read_image(context.input("watermark"))[1], cameras.width, cameras.height)
     device = working_device()
     between = cameras_between(cameras, parameters.between, np.random.default_rng(parameters.seed))
 
-    def seen(container: Artifact) -> UInt8[np.ndarray, "V H W 3"]:
-        return np.concatenate(
-            [_renders(context, container, parameters.method, each, device) for each in (cameras, between)]
-        )
+    def seen(drawn: Artifact) -> UInt8[np.ndarray, "V H W 3"]:
+        return np.concatenate([_renders(context, drawn, each, device) for each in (cameras, between)])
 
     pictures = {
-        RENDERS: seen(context.input("container")),
+        RENDERS: seen(container),
         PHOTOS: scene.pictures[scene.rows(scene.train_names)],
     }
-    if parameters.negatives == "photos_and_clean_renders":
-        pictures[CLEAN] = seen(_before(context))
+    if before is not None:
+        pictures[CLEAN] = seen(before)
     codec = read_codec(context.input("codec")).to(device)
     codec.expect(picture_to_tensor(watermark, device).permute(2, 0, 1))
     if parameters.whole_pictures:
@@ -149,7 +151,10 @@ def _settings(parameters: TuneWatermarkDecoderParameters) -> TuningSettings:
     )
 
 
-def _before(context: Context) -> Artifact:
+def _before(context: Context, parameters: TuneWatermarkDecoderParameters) -> Artifact | None:
+    """What clean renders are of; None if none are learnt from. Raises `UserError` if it is needed and not given."""
+    if parameters.negatives != "photos_and_clean_renders":
+        return None
     before = context.input_optional("before")
     if before is None:
         raise UserError(
@@ -161,8 +166,7 @@ def _before(context: Context) -> Artifact:
 
 
 def _renders(
-    context: Context, container: Artifact, method: str, cameras: Cameras, device: torch.device
+    context: Context, container: Artifact, cameras: Cameras, device: torch.device
 ) -> UInt8[np.ndarray, "V H W 3"]:
-    check_method(container, method)
     gaussians, read = read_gaussians(container, device), read_method(container, device=device)
     return renders(gaussians, read, cameras, context.stop_if_requested)

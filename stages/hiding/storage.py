@@ -14,6 +14,7 @@ from stages.hiding.method import Method, build_method, move_networks, refuse_ano
 from stages.hiding.networks import PUBLIC_NETWORKS, SECRET_NETWORKS
 from stages.scene.attributes import mapping, string, strings
 from stages.scene.gaussians import Gaussians
+from stages.scene.world_scale import refuse_other_world
 
 
 def write_container(writer: ArtifactWriter, gaussians: Gaussians, method: Method) -> None:
@@ -69,6 +70,15 @@ def read_method(container: Artifact, secret: Artifact | None = None, device: tor
 def check_method(container: Artifact, declared: str) -> None:
     """Raise `UserError` unless the container was made by the method that a stage declared."""
     refuse_another_method(container.path, string(container, "method"), declared)
+
+
+def check_drawn(drawn: Artifact, method: str, scene: Artifact) -> None:
+    """Raise `UserError` unless `drawn`, a container or splats, may be drawn from the cameras of a `scene`.
+
+    It must have been made by the method that a stage declared, and stand in the scene's world.
+    """
+    check_method(drawn, method)
+    refuse_other_world(drawn, scene)
 
 
 def bytes_of(artifact: Artifact) -> int:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.artifact import Artifact
+from pipeline.artifact import Artifact, create, load
 from pipeline.errors import Interrupted, UserError
 from pipeline.stage import Services, run_stage
 from stages.add_grain import AddGrainParameters, add_grain
@@ -185,6 +185,27 @@ def test_splats_of_another_world_are_refused_before_any_work(
     mixed = {**given, "other_splats": (enlarged_splats, cast(tuple[Artifact, ...], given["other_splats"])[1])}
     parameters = DetectWatermarkParameters(method="plain", renders=4, negatives=8, shipped_photos=())
     with pytest.raises(UserError, match="not in the world of the cameras"):
+        run_stage(detect_watermark, parameters, mixed, tmp_path / "tried")
+
+
+@pytest.mark.parametrize("name", ["before", "control"])
+def test_everything_that_is_drawn_must_be_of_the_declared_method(tmp_path: Path, given: Inputs, name: str) -> None:
+    """Only the declared method's code is part of the result's key, and the rows bear its name."""
+    with create(tmp_path / "other", "container") as writer:
+        writer.attributes.update(method="gs_hider")
+    mixed = {**given, name: load(tmp_path / "other")}
+    parameters = DetectWatermarkParameters(method="plain", renders=4, negatives=8, shipped_photos=())
+    with pytest.raises(UserError, match="made by another method"):
+        run_stage(detect_watermark, parameters, mixed, tmp_path / "tried")
+
+
+def test_splats_from_before_are_plain_whatever_the_method_is(tmp_path: Path, given: Inputs) -> None:
+    with create(tmp_path / "hiding", "container") as writer:
+        writer.attributes.update(method="gs_hider")
+    mixed = {**given, "container": load(tmp_path / "hiding"), "before": small.splats(tmp_path / "before")}
+    del mixed["codec"], mixed["control"]
+    parameters = DetectWatermarkParameters(method="gs_hider", renders=4, negatives=8, shipped_photos=())
+    with pytest.raises(UserError, match="no decoder to detect the watermark with"):
         run_stage(detect_watermark, parameters, mixed, tmp_path / "tried")
 
 

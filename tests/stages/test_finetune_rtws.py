@@ -25,6 +25,7 @@ from stages.training.feature_tuning import half_watermarked
 from stages.training.views import training_views
 from stages.tune_watermark_decoder import TuneWatermarkDecoderParameters, tune_watermark_decoder
 from tests.stages import small, watermarks
+from tests.stages.test_edit_splats import enlarged
 from tests.stages.watermarks import Inputs, errors_of, finetuned, inputs_of_rtws
 
 
@@ -101,6 +102,17 @@ def test_the_decoder_learns_what_to_hold_back(tmp_path: Path, inputs: Inputs) ->
     assert made["codec"].private
     black = [row.value for row in read_rows(made["curves"]) if row.method == "black in photos"]
     assert np.mean(black[-10:]) > np.mean(black[:10]) + 2
+
+
+def test_the_decoder_does_not_learn_from_splats_of_another_world(
+    tmp_path: Path, inputs: Inputs, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("stages.tune_watermark_decoder.train_network", lambda context, tuning: [])
+    _, before = enlarged(tmp_path / "enlarged")
+    given = {**inputs, "container": small.splats(tmp_path / "marked", "container"), "before": before}
+    parameters = TuneWatermarkDecoderParameters(method="plain", negatives="photos_and_clean_renders")
+    with pytest.raises(UserError, match="not in the world of the cameras"):
+        run_stage(tune_watermark_decoder, parameters, given, tmp_path / "made")
 
 
 def test_the_decoder_learns_nothing_of_test_views(
