@@ -15,6 +15,7 @@ from stages.hiding.watermark.coins import thrown
 from stages.hiding.watermark.grain import MEASURED_ON, grained
 from stages.scene.learnt_views import learnt_names
 from stages.scene.scene import read_scene
+from stages.training.threads import Threads
 
 
 class AddGrainParameters(Parameters):
@@ -33,7 +34,7 @@ class AddGrainParameters(Parameters):
         description="Random seed for the coins that decide how each Gaussian changes, used if there is no key. Not "
         "secret.",
     )
-    threads: int = Field(1, ge=1, description="PyTorch CPU threads; the result's exact bits depend on it.")
+    threads: Threads = 1
 
 
 @stage(

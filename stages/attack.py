@@ -29,6 +29,7 @@ from stages.scene.cameras import rig_extent
 from stages.scene.even_spread import evenly_spread
 from stages.scene.message_views import read_messages
 from stages.scene.scene import Scene, read_scene
+from stages.training.threads import Threads
 from stages.training.views import training_views
 
 
@@ -54,7 +55,7 @@ class AttackParameters(Parameters):
     lpips: bool = Field(
         True, description="Report LPIPS (VGG16) of the cover in the paper's table, if its weights are installed."
     )
-    threads: int = Field(1, ge=1, description="PyTorch CPU threads.")
+    threads: Threads = 1
 
     @field_validator("lpips")
     @classmethod

@@ -15,6 +15,7 @@ from stages.analysis.measurements import write_measurements
 from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN
 from stages.analysis.renders import read_renders
 from stages.hiding.method_names import MethodName
+from stages.training.threads import Threads
 
 INPUTS = {"hidden": HIDDEN, "clean": CLEAN, "clean_again": CLEAN_AGAIN}
 
@@ -32,7 +33,7 @@ class DetectHiddenParameters(Parameters):
     method_column: str = Field("method", description="The column that names the method that hides.")
     iterations: int = Field(300, ge=1, description="Training steps of the detector.")
     seed: int = Field(0, ge=0, description="Random seed for the detector's initial weights and its training crops.")
-    threads: int = Field(1, ge=1, description="PyTorch CPU threads.")
+    threads: Threads = 1
 
 
 @stage(

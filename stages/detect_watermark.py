@@ -55,6 +55,7 @@ from stages.scene.cameras import Cameras
 from stages.scene.scene import Scene, read_scene
 from stages.training.codec_photos import read_photos
 from stages.training.libraries import LIBRARIES
+from stages.training.threads import Threads
 
 COVER_SCENE = "the cover"
 OWN_PHOTOS, OTHER_PHOTOS = "test photos of the cover", "photos of other things"
@@ -102,7 +103,7 @@ class DetectWatermarkParameters(Parameters):
         HELD_OUT, description="File names of photos shipped with Python packages; those not installed are skipped."
     )
     seed: int = Field(0, ge=0, description="Random seed for photo crops and distortions.")
-    threads: int = Field(1, ge=1, description="PyTorch CPU threads.")
+    threads: Threads = 1
 
 
 @stage(

@@ -26,6 +26,7 @@ from stages.imaging.lpips_weights import HOW_TO_INSTALL, Network, weights_instal
 from stages.imaging.metric_table import MetricRow, write_rows
 from stages.scene.message_views import MessageViews, read_messages
 from stages.scene.scene import Scene, read_scene
+from stages.training.threads import Threads
 
 Networks = Literal["vgg", "alex", "both", "none"]
 NETWORKS: Mapping[Networks, tuple[Network, ...]] = {
@@ -46,7 +47,7 @@ class EvaluateParameters(Parameters):
     method: MethodName = Field("gs_hider", description="The container's method.")
     lpips: Networks = Field("vgg", description="Backbone network of LPIPS, which is measured on test views.")
     shown_train_views: int = Field(2, ge=0, description="Number of training views kept as pictures.")
-    threads: int = Field(2, ge=1, description="PyTorch CPU threads.")
+    threads: Threads = 2
 
     @field_validator("lpips")
     @classmethod

@@ -19,6 +19,7 @@ from stages.imaging.pictures import Picture, read_picture
 from stages.scene.capture import picture_path, read_capture
 from stages.scene.scene import read_scene
 from stages.scene.unreadable import unreadable_names
+from stages.training.threads import Threads
 
 SCORE, FOUND, UNREADABLE = "standard_score", "has_grain", "cannot_be_read"
 
@@ -28,7 +29,7 @@ class FindGrainParameters(Parameters):
 
     method: MethodName = Field("plain", description="The container's method; plain for splats of 3DGS.")
     grain_seed: int = Field(0, ge=0, description="The seed given to add_grain; used if there is no key.")
-    threads: int = Field(1, ge=1, description="PyTorch CPU threads.")
+    threads: Threads = 1
 
 
 @stage(

@@ -29,6 +29,7 @@ from stages.training.feature_tuning import (
 )
 from stages.training.objectives import FixedView, PictureTerm, hiding_terms
 from stages.training.session import train
+from stages.training.threads import Threads
 from stages.training.views import training_views
 
 
@@ -54,7 +55,7 @@ class FinetuneRtwsParameters(Parameters):
     seed: int = Field(
         0, ge=0, description="Random seed for which half of the views is watermarked, and for their order."
     )
-    threads: int = Field(1, ge=1, description="PyTorch CPU threads; the result's exact bits depend on it.")
+    threads: Threads = 1
 
 
 @stage(

@@ -40,6 +40,7 @@ from stages.training.feature_tuning import refuse_unknown_attributes
 from stages.training.imprinting import Imprinting, ImprintPictures, ImprintSettings
 from stages.training.loop import TrainingViews
 from stages.training.network import train_network
+from stages.training.threads import Threads
 
 
 class ImprintWatermarkParameters(Parameters):
@@ -74,7 +75,7 @@ class ImprintWatermarkParameters(Parameters):
     seed: int = Field(
         0, ge=0, description="Random seed for picture order and distortions and, without a key, for the grain."
     )
-    threads: int = Field(1, ge=1, description="PyTorch CPU threads; the result's exact bits depend on it.")
+    threads: Threads = 1
 
 
 @stage(

@@ -18,6 +18,7 @@ from stages.hiding.what_is_hidden import at_least_one_hidden
 from stages.imaging.metric_table import write_rows
 from stages.scene.message_views import read_messages
 from stages.scene.scene import read_scene
+from stages.training.threads import Threads
 
 
 class ProbeDecoderParameters(Parameters):
@@ -27,7 +28,7 @@ class ProbeDecoderParameters(Parameters):
     seed: int = Field(
         0, ge=0, description="Random seed for the silenced channels and the placement of foreign features."
     )
-    threads: int = Field(1, ge=1, description="PyTorch CPU threads.")
+    threads: Threads = 1
 
 
 @stage(

@@ -22,6 +22,7 @@ from stages.hiding.storage import check_method, read_gaussians, read_method
 from stages.scene.attributes import strings
 from stages.scene.message_views import read_messages
 from stages.scene.scene import read_scene
+from stages.training.threads import Threads
 
 
 class ProbeSecrecyParameters(Parameters):
@@ -49,7 +50,7 @@ class ProbeSecrecyParameters(Parameters):
         gt=0,
         description="Adam's initial learning rate; it decays to 0. At 1e-2, decoders with 3 x 3 convolutions die.",
     )
-    threads: int = Field(1, ge=1, description="PyTorch CPU threads.")
+    threads: Threads = 1
 
 
 @stage(

@@ -14,6 +14,7 @@ from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.recovery import Recovery, TooFewPairs, recovered, unlike
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
 from stages.scene.gaussians import Gaussians
+from stages.training.threads import Threads
 
 LISTED = 10  # rows named in an error
 AS_FOUND = "as_found"
@@ -26,7 +27,7 @@ class RecoverParameters(Parameters):
     seed: int = Field(
         0, ge=0, description="Random seed for the Gaussians and motions tried if positions alone do not match."
     )
-    threads: int = Field(1, ge=1, description="PyTorch CPU threads; the result's exact bits depend on it.")
+    threads: Threads = 1
 
 
 @stage(

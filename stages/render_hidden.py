@@ -35,6 +35,7 @@ from stages.scene.scene import Scene, read_scene
 from stages.scene.similarity import Similarity
 from stages.scene.spherical_harmonics import BASE
 from stages.scene.world_scale import scaled, world_scale_of
+from stages.training.threads import Threads
 
 
 class RenderHiddenParameters(Parameters):
@@ -58,7 +59,7 @@ class RenderHiddenParameters(Parameters):
         description="Up direction of splats given without the message's scene; auto: -y, or as in the cover.",
     )
     seed: int = Field(0, ge=0, description="Random seed for the order of the message's points.")
-    threads: int = Field(1, ge=1, description="PyTorch CPU threads.")
+    threads: Threads = 1
 
 
 @stage(

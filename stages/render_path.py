@@ -22,6 +22,7 @@ from stages.scene.camera_path import Course, camera_path
 from stages.scene.cameras import Cameras
 from stages.scene.gaussians import Gaussians
 from stages.scene.scene import Scene, read_scene
+from stages.training.threads import Threads
 
 
 class RenderPathParameters(Parameters):
@@ -38,7 +39,7 @@ class RenderPathParameters(Parameters):
         description="Whether the path is a closed loop, so that the video can repeat seamlessly, or open; "
         "auto closes it if no part of the loop would be far from a camera.",
     )
-    threads: int = Field(2, ge=1, description="PyTorch CPU threads.")
+    threads: Threads = 2
 
 
 @stage(

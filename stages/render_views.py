@@ -16,6 +16,7 @@ from stages.hiding.rendering import Rendering
 from stages.hiding.storage import check_drawn, read_gaussians, read_method
 from stages.scene.camera_path import camera_path
 from stages.scene.scene import read_scene
+from stages.training.threads import Threads
 
 
 class RenderViewsParameters(Parameters):
@@ -27,7 +28,7 @@ class RenderViewsParameters(Parameters):
     )
     feature_maps: int = Field(64, ge=0, description="Number of these, evenly spread, whose feature map is kept, too.")
     bends: int = Field(32, ge=3, description="Maximum number of bends in the path; more keep it closer to the cameras.")
-    threads: int = Field(2, ge=1, description="PyTorch CPU threads.")
+    threads: Threads = 2
 
 
 @stage(

@@ -24,6 +24,7 @@ from stages.scene.attributes import strings
 from stages.scene.cameras import Cameras
 from stages.scene.message_views import MessageViews
 from stages.scene.scene import read_scene
+from stages.training.threads import Threads
 
 
 class RevealParameters(Parameters):
@@ -31,7 +32,7 @@ class RevealParameters(Parameters):
 
     method: MethodName = Field("gs_hider", description="The method of both containers.")
     shown_train_views: int = Field(2, ge=0, description="Number of training views kept as pictures.")
-    threads: int = Field(2, ge=1, description="PyTorch CPU threads.")
+    threads: Threads = 2
 
 
 @stage(

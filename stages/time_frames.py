@@ -26,6 +26,7 @@ from stages.imaging.metric_table import MetricRow, write_rows
 from stages.scene.cameras import Camera, single_cameras
 from stages.scene.gaussians import Gaussians
 from stages.scene.scene import read_scene
+from stages.training.threads import Threads
 
 Draw = Callable[[Camera], Rendering]
 
@@ -39,7 +40,7 @@ class TimeFramesParameters(Parameters):
     method: MethodName = Field("gs_hider", description="The container's method.")
     frames: int = Field(30, ge=1, description="Number of frames timed, one test view after another.")
     warmup: int = Field(3, ge=0, description="Number of untimed frames rendered first.")
-    threads: int = Field(2, ge=1, description="PyTorch CPU threads.")
+    threads: Threads = 2
 
 
 @stage(

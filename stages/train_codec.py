@@ -19,6 +19,7 @@ from stages.imaging.shipped_photos import HOW_TO_INSTALL, ShippedPhotos, read_ph
 from stages.training.codec import CodecSettings, CodecTraining
 from stages.training.codec_photos import parted, read_photos
 from stages.training.network import train_network
+from stages.training.threads import Threads
 
 
 class TrainCodecParameters(Parameters):
@@ -40,7 +41,7 @@ class TrainCodecParameters(Parameters):
         description="File names of photos shipped with Python packages, used in addition to those of the captures.",
     )
     seed: int = Field(0, ge=0, description="Random seed for the initial weights and all sampling.")
-    threads: int = Field(1, ge=1, description="PyTorch CPU threads; the result's exact bits depend on it.")
+    threads: Threads = 1
 
 
 @stage(

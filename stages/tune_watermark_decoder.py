@@ -29,6 +29,7 @@ from stages.scene.scene import read_scene
 from stages.training.codec_photos import learnt_photos
 from stages.training.decoder_tuning import CLEAN, PHOTOS, RENDERS, DecoderTuning, TuningSettings
 from stages.training.network import train_network
+from stages.training.threads import Threads
 
 
 class TuneWatermarkDecoderParameters(Parameters):
@@ -81,7 +82,7 @@ class TuneWatermarkDecoderParameters(Parameters):
     rate: float = Field(1e-3, gt=0, description="Adam's initial learning rate.")
     final_rate_share: float = Field(0.1, gt=0, le=1, description="Final learning rate as a share of the initial one.")
     seed: int = Field(0, ge=0, description="Random seed for picture order and distortions.")
-    threads: int = Field(1, ge=1, description="PyTorch CPU threads; the result's exact bits depend on it.")
+    threads: Threads = 1
 
 
 @stage(

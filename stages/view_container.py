@@ -28,6 +28,7 @@ from stages.imaging.video import enlarged
 from stages.scene.alignment import sample
 from stages.scene.cameras import Cameras
 from stages.scene.stored_cameras import read_cameras
+from stages.training.threads import Threads
 
 
 class ViewContainerParameters(Parameters):
@@ -43,7 +44,7 @@ class ViewContainerParameters(Parameters):
     seconds: float = Field(8.0, gt=0, description="Duration of each video, in seconds.")
     pictures: int = Field(6, ge=1, description="Number of frames also kept as pictures.")
     width: int = Field(800, ge=16, description="Maximum long side of pictures, in pixels; larger ones are shrunk.")
-    threads: int = Field(2, ge=1, description="PyTorch CPU threads.")
+    threads: Threads = 2
 
 
 @stage(

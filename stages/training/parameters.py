@@ -8,6 +8,7 @@ from pipeline.stage import Parameters
 from stages.training.density_control import DensitySettings
 from stages.training.loop import TrainingSettings
 from stages.training.starting_points import Start
+from stages.training.threads import Threads
 
 
 class TrainingParameters(Parameters):
@@ -43,7 +44,7 @@ class TrainingParameters(Parameters):
         description="Random seed for view order, splitting and random starting points and, without a key, for the "
         "networks' initial weights and where messages lie in features.",
     )
-    threads: int = Field(1, ge=1, description="PyTorch CPU threads; the result's exact bits depend on it.")
+    threads: Threads = 1
     position_rate: float = Field(
         TrainingSettings.position_rate,
         gt=0,
