@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import torch
 from pydantic import Field
 
-from pipeline.artifact import Artifact, load
-from pipeline.errors import CorruptArtifact, UserError
+from pipeline.errors import UserError
 from pipeline.stage import Context, ExternalPath, Output, Parameters, stage
 from stages.hiding.key import key_generator, write_key
 from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container
 from stages.hiding.watermark.coins import thrown
 from stages.hiding.watermark.grain import follows
+from stages.scene.verified_copy import verified_copy
 
 REMEDY = "Give results of one run, as they lie in a store or as `export` copied them, unpacked if zipped."
 
@@ -45,8 +43,9 @@ def import_grain(context: Context, parameters: ImportGrainParameters) -> None:
     Without these checks, pictures of a container published without a grain, or files of two different runs, would be
     scored in vain. Raises `UserError` if one of the three is missing, broken, or of another run.
     """
-    before = _kept(parameters.before, "container")
-    after, key = _kept(parameters.after, "container"), _kept(parameters.key, "key")
+    before = verified_copy(parameters.before, "container", REMEDY)
+    after = verified_copy(parameters.after, "container", REMEDY)
+    key = verified_copy(parameters.key, "key", REMEDY)
     for container in (before, after):
         check_method(container, parameters.method)
     gaussians, changed = read_gaussians(before), read_gaussians(after)
@@ -72,17 +71,3 @@ def import_grain(context: Context, parameters: ImportGrainParameters) -> None:
     write_container(context.output("before"), gaussians, read_method(before))
     write_key(context.output("key"), key.read("key").tobytes())
     context.record(gaussians=len(gaussians))
-
-
-def _kept(place: Path, kind: str) -> Artifact:
-    """A verified artifact of this kind. Raises `UserError` if there is none, or if it is broken or of another kind."""
-    try:
-        copy = load(place)
-        copy.verify()
-    except CorruptArtifact as error:
-        raise UserError(f"{kind} missing or damaged", where=place, found=error, remedy=REMEDY) from error
-    if copy.kind != kind:
-        raise UserError(
-            "this is not the expected kind of artifact", where=place, found=copy.kind, expected=kind, remedy=REMEDY
-        )
-    return copy

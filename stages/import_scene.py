@@ -8,12 +8,13 @@ from collections.abc import Sequence
 import numpy as np
 from pydantic import Field
 
-from pipeline.artifact import Artifact, load
-from pipeline.errors import CorruptArtifact, UserError
+from pipeline.artifact import Artifact
+from pipeline.errors import UserError
 from pipeline.stage import Context, ExternalPath, Output, Parameters, stage
 from stages.scene.camera_checks import are_cameras
 from stages.scene.photo_folder import refuse_unwritten_names
 from stages.scene.scene import Scene, read_scene, write_scene
+from stages.scene.verified_copy import damage_told, verified_copy
 
 KIND = "scene"
 FORMS = {
@@ -48,13 +49,10 @@ def import_scene(context: Context, parameters: ImportSceneParameters) -> None:
     world again from other photos, nor in another version. Raises `UserError` if the scene is missing, broken or
     malformed, or is private and would become public.
     """
-    try:
-        copy = load(parameters.folder)
-        copy.verify()
-        _check_form(copy)
+    copy = verified_copy(parameters.folder, KIND, REMEDY)
+    _check_form(copy)
+    with damage_told(parameters.folder, KIND, REMEDY):
         scene = read_scene(copy)
-    except CorruptArtifact as error:
-        raise UserError("scene missing or damaged", where=parameters.folder, found=error, remedy=REMEDY) from error
     if copy.private and not context.output("scene").private:
         raise UserError(
             "a private scene would become public",
@@ -72,11 +70,7 @@ def import_scene(context: Context, parameters: ImportSceneParameters) -> None:
 
 
 def _check_form(copy: Artifact) -> None:
-    """Check kind, types and shapes before any array is decompressed. Raises `UserError` if they are not a scene's."""
-    if copy.kind != KIND:
-        raise UserError(
-            "this is not the expected kind of artifact", where=copy.path, found=copy.kind, expected=KIND, remedy=REMEDY
-        )
+    """Check types and shapes before any array is decompressed. Raises `UserError` if they are not a scene's."""
     records = copy.manifest.arrays
     for name, (kind, shape) in FORMS.items():
         record = records.get(name)
