@@ -12,8 +12,7 @@ from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.opening import refuse_sealed
 from stages.hiding.storage import check_drawn, read_gaussians, read_method, write_container
 from stages.hiding.watermark.coins import thrown
-from stages.hiding.watermark.grain import MEASURED_ON, grained
-from stages.scene.learnt_views import learnt_names
+from stages.hiding.watermark.grain import grained, measuring_cameras
 from stages.scene.scene import read_scene
 from stages.training.threads import Threads
 
@@ -64,7 +63,7 @@ def add_grain(context: Context, parameters: AddGrainParameters) -> None:
     refuse_sealed(context.input_optional("secret"), "add_grain")
     device, scene = working_device(), read_scene(context.input("cover"))
     method = read_method(container, context.input_optional("secret"), device)
-    cameras = scene.cameras.select(learnt_names(scene)[::MEASURED_ON])
+    cameras = measuring_cameras(scene)
     gaussians = read_gaussians(container, device)
     if parameters.level == 0:
         context.log("left unchanged: level is 0, so no grain is added")

@@ -15,7 +15,6 @@ from stages.analysis.attacks.curves import Assay
 from stages.analysis.attacks.registry import attacks
 from stages.analysis.attacks.scoring import Scorer
 from stages.analysis.attacks.target import Knowledge, Target
-from stages.analysis.fidelity import Perceptual
 from stages.analysis.kept import kept, name_on
 from stages.analysis.measurements import KIND, write_measurements
 from stages.analysis.seeds import DistinctSeeds
@@ -23,7 +22,7 @@ from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.opening import opener
 from stages.hiding.storage import check_method, read_gaussians, read_method
 from stages.hiding.what_is_hidden import at_least_one_hidden
-from stages.imaging.lpips import load_lpips, networks_for
+from stages.imaging.lpips import lpips_metrics
 from stages.imaging.lpips_weights import weights_installed
 from stages.scene.cameras import rig_extent
 from stages.scene.even_spread import evenly_spread
@@ -91,14 +90,15 @@ def attack(context: Context, parameters: AttackParameters) -> None:
     drawn_by = describe_drawing(device)
     target, owner = Target(read_gaussians(container), read_method(container)), read_method(container, secret)
     opened = opener(owner, secret, target.gaussians)
+    rig = scene.cameras
     assay = Assay(
         target,
         Scorer(owner, scene, hidden, _measured_views(scene, parameters.test_views), device, opened),
-        Knowledge(training_views(scene), rig_extent(scene.cameras), context.stop_if_requested, device),
+        Knowledge(training_views(scene), rig_extent(rig), context.stop_if_requested, device),
         parameters.method,
         parameters.cover_losses,
         parameters.seeds,
-        _perceptual(context, parameters.lpips, scene),
+        lpips_metrics(["vgg"] if parameters.lpips else [], rig.width, rig.height, device, context.log),
         context.stop_if_requested,
     )
     every = attacks(parameters.reoptimised)
@@ -114,11 +114,3 @@ def _measured_views(scene: Scene, most: int) -> list[str]:
     """At most `most` of the test views, evenly spread."""
     names = scene.test_names
     return [names[position] for position in evenly_spread(len(names), most)]
-
-
-def _perceptual(context: Context, wanted: bool, scene: Scene) -> Perceptual:
-    cameras = scene.cameras
-    wanted = wanted and bool(networks_for(["vgg"], cameras.width, cameras.height, context.log))
-    device = working_device()
-    metric = load_lpips("vgg", device) if wanted else None
-    return {} if metric is None else {"lpips_vgg": lambda picture, truth: metric(picture.to(device), truth.to(device))}

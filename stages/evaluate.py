@@ -13,7 +13,6 @@ from pipeline.artifact import Artifact
 from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.comparisons import Comparison, write_comparisons
-from stages.analysis.fidelity import Perceptual
 from stages.analysis.public_scores import comparisons_for_the_public, rows_for_the_public
 from stages.analysis.scoring import HiddenImage, Scores, leakage_rows, score, views_for_the_public
 from stages.hiding.method_names import PLAIN, MethodName, module_of
@@ -21,8 +20,8 @@ from stages.hiding.opening import read_container
 from stages.hiding.storage import bytes_of, check_drawn
 from stages.hiding.what_is_hidden import hidden_messages, view_that_hides
 from stages.imaging.image import filling, read_image
-from stages.imaging.lpips import Lpips, load_lpips, networks_for
-from stages.imaging.lpips_weights import HOW_TO_INSTALL, Network, weights_installed
+from stages.imaging.lpips import lpips_metrics
+from stages.imaging.lpips_weights import Network, weights_installed
 from stages.imaging.metric_table import MetricRow, write_rows
 from stages.scene.message_views import MessageViews, read_messages
 from stages.scene.scene import Scene, read_scene
@@ -83,7 +82,8 @@ def evaluate(context: Context, parameters: EvaluateParameters) -> None:
     torch.set_num_threads(parameters.threads)
     device, scene = working_device(), read_scene(context.input("cover"))
     messages = read_messages(context.input_many("messages"), scene.cameras.names)
-    perceptual = _perceptual(context, parameters, scene, device)
+    rig = scene.cameras
+    perceptual = lpips_metrics(NETWORKS[parameters.lpips], rig.width, rig.height, device, context.log)
     container, reference = context.input("container"), context.input_optional("reference")
     secret = context.input_optional("secret")
     check_drawn(container, parameters.method, context.input("cover"))
@@ -136,19 +136,6 @@ def _hidden_image(image: Artifact | None, secret: Artifact | None, scene: Scene)
     name, picture = read_image(image)
     view = view_that_hides(name, secret, scene, "evaluate")
     return HiddenImage(name, view, filling(picture, scene.cameras.width, scene.cameras.height))
-
-
-def _perceptual(context: Context, parameters: EvaluateParameters, scene: Scene, device: torch.device) -> Perceptual:
-    cameras = scene.cameras
-    networks = networks_for(NETWORKS[parameters.lpips], cameras.width, cameras.height, context.log)
-    return {f"lpips_{network}": _lpips(network, device) for network in networks}
-
-
-def _lpips(network: Network, device: torch.device) -> Lpips:
-    metric = load_lpips(network, device)
-    if metric is None:
-        raise UserError(f"the LPIPS weights ({network}) were removed during the run", remedy=HOW_TO_INSTALL)
-    return metric
 
 
 def _sizes(splats: Artifact, name: str, secret: Artifact | None) -> list[MetricRow]:

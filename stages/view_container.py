@@ -129,9 +129,7 @@ def _shrunk(cameras: Cameras, long_side: int) -> Cameras:
     factor = long_side / max(cameras.width, cameras.height)
     if factor >= 1:
         return cameras
-    width, height = (max(1, round(factor * side)) for side in (cameras.width, cameras.height))
-    scale = np.diag([width / cameras.width, height / cameras.height, 1.0])
-    return replace(cameras, intrinsics=scale @ cameras.intrinsics, width=width, height=height)
+    return cameras.resized(*(max(1, round(factor * side)) for side in (cameras.width, cameras.height)))
 
 
 def _kept(

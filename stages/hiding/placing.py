@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import torch
@@ -12,7 +11,7 @@ from torch import Tensor
 
 from stages.hiding.rendering import AS_TRAINED, splat
 from stages.scene.alignment import best, cameras_in_message_world, candidates, nearest_depth
-from stages.scene.cameras import Camera, Cameras, single_cameras
+from stages.scene.cameras import Camera, Cameras, depths_before, single_cameras
 from stages.scene.gaussians import Gaussians
 from stages.scene.message_views import LEGAL_COVERAGE
 from stages.scene.scene import Scene
@@ -52,9 +51,7 @@ def clear_depth(message: Scene) -> float:
 def shrunken(cameras: Cameras, width: int) -> Cameras:
     """The same cameras with pictures at most `width` pixels wide, for a quick look; pictures are never enlarged."""
     factor = min(1.0, width / cameras.width)
-    size = (max(1, round(cameras.width * factor)), max(1, round(cameras.height * factor)))
-    scaling = np.diag([size[0] / cameras.width, size[1] / cameras.height, 1.0])
-    return replace(cameras, intrinsics=scaling @ cameras.intrinsics, width=size[0], height=size[1])
+    return cameras.resized(max(1, round(cameras.width * factor)), max(1, round(cameras.height * factor)))
 
 
 def clear_coverage(gaussians: Gaussians, cameras: Cameras, width: int, clear_from: float) -> Float32[np.ndarray, " V"]:
@@ -82,8 +79,7 @@ def coverage(gaussians: Gaussians, cameras: Cameras, width: int, counts: Countin
     settings = AS_TRAINED.for_fewer_pixels(few.width / cameras.width)
     shares = []
     for camera in single_cameras(few):
-        towards = camera.world_to_camera[2].to(gaussians.device)
-        counted = counts(camera, gaussians.means @ towards[:3] + towards[3])
+        counted = counts(camera, depths_before(gaussians.means, camera))
         features = counted.to(gaussians.means.dtype)[:, None]
         shares.append(float(splat(gaussians, features, camera, settings).feature_map.mean()))
     return np.array(shares, np.float32)

@@ -9,7 +9,8 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn import functional
 
-from stages.imaging.lpips_weights import Network, Weights, read_weights
+from pipeline.errors import UserError
+from stages.imaging.lpips_weights import HOW_TO_INSTALL, Network, Weights, read_weights
 
 # ImageNet's mean and standard deviation for colours scaled to [-1, 1], as LPIPS defines them.
 MEAN = (-0.030, -0.088, -0.188)
@@ -35,15 +36,16 @@ class Lpips:
     def __call__(self, picture: Float[Tensor, "height width 3"], truth: Float[Tensor, "height width 3"]) -> float:
         """The distance, 0 for equal pictures. Colours are in [0, 1] and are scaled to [-1, 1] first.
 
-        (The evaluation script of 3DGS omits that scaling, so its values differ.) Raises ``ValueError`` if the sizes
-        differ, or a side is below 16 (VGG16) or 31 (AlexNet) pixels.
+        (The evaluation script of 3DGS omits that scaling, so its values differ.) The pictures may be on another device
+        than the weights. Raises ``ValueError`` if the sizes differ, or a side is below 16 (VGG16) or 31 (AlexNet)
+        pixels.
         """
         if picture.shape != truth.shape or min(picture.shape[:2]) < SMALLEST_SIDE[self.network]:
             raise ValueError(
                 f"LPIPS ({self.network}) compares two pictures of one size, at least {SMALLEST_SIDE[self.network]} "
                 f"pixels a side, not {tuple(picture.shape)} and {tuple(truth.shape)}"
             )
-        both = torch.stack((picture, truth)).permute(0, 3, 1, 2).float() * 2 - 1
+        both = torch.stack((picture, truth)).to(self._kernels[0].device).permute(0, 3, 1, 2).float() * 2 - 1
         both = (both - both.new_tensor(MEAN).view(3, 1, 1)) / both.new_tensor(DEVIATION).view(3, 1, 1)
         features = self._vgg(both) if self.network == "vgg" else self._alex(both)
         return sum(_distance(each, head) for each, head in zip(features, self._heads, strict=True))
@@ -82,6 +84,23 @@ def networks_for(wanted: Sequence[Network], width: int, height: int, log: Callab
                 f"{SMALLEST_SIDE[network]} a side that it needs"
             )
     return tuple(network for network in wanted if side >= SMALLEST_SIDE[network])
+
+
+def lpips_metrics(
+    wanted: Sequence[Network], width: int, height: int, device: torch.device | str, log: Callable[[str], None]
+) -> dict[str, Lpips]:
+    """The metrics of `networks_for`, by the name of their quantity, such as `lpips_vgg`, computed on `device`.
+
+    Raises `UserError` if weights are not installed: whoever wants them has asked before (`weights_installed`).
+    """
+    return {f"lpips_{network}": _metric(network, device) for network in networks_for(wanted, width, height, log)}
+
+
+def _metric(network: Network, device: torch.device | str) -> Lpips:
+    metric = load_lpips(network, device)
+    if metric is None:
+        raise UserError(f"the LPIPS weights ({network}) were removed during the run", remedy=HOW_TO_INSTALL)
+    return metric
 
 
 def load_lpips(network: Network, device: torch.device | str = "cpu") -> Lpips | None:

@@ -60,6 +60,11 @@ class Cameras:
             self, names=tuple(names), world_to_camera=self.world_to_camera[rows], intrinsics=self.intrinsics[rows]
         )
 
+    def resized(self, width: int, height: int) -> Cameras:
+        """The same cameras with pictures of another size, in pixels; what they see stays the same."""
+        scaling = np.diag([width / self.width, height / self.height, 1.0])
+        return replace(self, intrinsics=scaling @ self.intrinsics, width=width, height=height)
+
 
 ROUNDING = 1e-12
 """Cameras this close, relative to their coordinates, count as coincident."""
@@ -103,6 +108,12 @@ def single_cameras(cameras: Cameras) -> tuple[Camera, ...]:
         )
         for view in range(len(cameras))
     )
+
+
+def depths_before(means: Float[Tensor, "N 3"], camera: Camera) -> Float[Tensor, " N"]:
+    """How far points lie before the camera along its optical axis, in world units; negative behind it."""
+    towards = camera.world_to_camera[2].to(means.device)
+    return means @ towards[:3] + towards[3]
 
 
 def pixel_directions(camera: Camera, device: torch.device | str = "cpu") -> Float[Tensor, "H W 3"]:

@@ -68,6 +68,18 @@ def test_every_attack_that_applies_is_measured(tmp_path: Path, method: str, with
     assert shares >= {0.05, 0.10, 0.15, 0.25}
 
 
+def test_an_attack_does_not_go_on_without_the_lpips_that_was_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The parameter says that it is measured, so a result without it would be kept under the wrong key."""
+    monkeypatch.setenv("GS_HIDER_DATA", str(tmp_path / "nothing"))
+    monkeypatch.setattr("stages.attack.weights_installed", lambda network: True)
+    parameters = AttackParameters.model_validate({**QUICK, "method": "sh", "attacks": ("quantisation",), "lpips": True})
+    assert parameters.lpips
+    with pytest.raises(UserError, match="LPIPS weights"):
+        run_stage(attack, parameters, inputs(tmp_path, "sh"), tmp_path / "attacked")
+
+
 @pytest.mark.parametrize(("most", "measured"), [(12, NAMES[:5]), (3, NAMES[:5:2])])
 def test_test_views_are_measured_or_so_many_of_them_evenly_spread(
     tmp_path: Path, most: int, measured: tuple[str, ...]

@@ -10,6 +10,7 @@ from pipeline.stage import Services, run_stage
 from stages import evaluate as stage
 from stages.attack import AttackParameters
 from stages.evaluate import EvaluateParameters, evaluate
+from stages.imaging import lpips
 from stages.imaging.lpips import Lpips, networks_for
 from stages.imaging.lpips_weights import Network, weights_file
 from stages.imaging.metric_table import read_rows
@@ -45,7 +46,7 @@ def test_pictures_that_a_network_is_too_deep_for_are_scored_without_it(
 ) -> None:
     """Pictures are 32 x 24 pixels: VGG16 needs 16 a side, AlexNet 31."""
     monkeypatch.setattr(stage, "weights_installed", lambda network: True)
-    monkeypatch.setattr(stage, "load_lpips", lambda network, device: Lpips(network, random_weights(network), device))
+    monkeypatch.setattr(lpips, "load_lpips", lambda network, device: Lpips(network, random_weights(network), device))
     log: list[str] = []
     inputs = {"container": small.splats(tmp_path / "splats"), "cover": small.scene(tmp_path / "cover")}
     parameters = EvaluateParameters(method="plain", lpips="both", threads=1)

@@ -24,6 +24,7 @@ from stages.analysis.batch.results import (
     measured,
 )
 from stages.analysis.page.figures import MISSING, WORDING, label, write_figure, write_seconds
+from stages.analysis.page.headings import first_columns
 from stages.analysis.page.html import fill, templates_beside
 from stages.analysis.page.placed import Placed
 from stages.analysis.page.summary import Tile
@@ -68,8 +69,7 @@ class BatchPage:
     @property
     def starts(self) -> tuple[int, ...]:
         """The first column of each group."""
-        spans = [span for _, span in self.groups]
-        return tuple(sum(spans[:index]) for index in range(len(spans)))
+        return first_columns(self.groups)
 
 
 def owner_page(results: Sequence[Result], workflow: str) -> BatchPage:

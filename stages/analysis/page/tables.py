@@ -9,6 +9,7 @@ from itertools import groupby
 
 from stages.analysis.page.figures import WORDING, label, write_figure
 from stages.analysis.page.found import Found
+from stages.analysis.page.headings import first_columns
 from stages.analysis.page.material import Material
 from stages.imaging.metric_table import QUANTITIES, MetricRow, mean_value
 
@@ -84,8 +85,7 @@ class Table:
     @property
     def starts(self) -> tuple[int, ...]:
         """The first column of each group."""
-        spans = [span for _, span in self.groups]
-        return tuple(sum(spans[:index]) for index in range(len(spans)))
+        return first_columns(self.groups)
 
 
 @dataclass(frozen=True)

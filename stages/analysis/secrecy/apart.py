@@ -16,6 +16,7 @@ from torch import Tensor
 from stages.analysis.secrecy.observing import Observed
 from stages.hiding.method import Method
 from stages.hiding.rendering import COVER, splat
+from stages.scene.cameras import depths_before
 from stages.scene.gaussians import Gaussians
 from stages.scene.moved_splats import chosen
 
@@ -59,8 +60,7 @@ def surfaces_of(gaussians: Gaussians, views: Sequence[Observed]) -> Maps:
     """Three channels without features for each view: mean depth in world units, mean inverse depth, and opacity."""
     maps = []
     for seen in views:
-        towards = seen.camera.world_to_camera[2]
-        depths = (gaussians.means @ towards[:3] + towards[3]).clamp_min(torch.finfo(torch.float32).eps)
+        depths = depths_before(gaussians.means, seen.camera).clamp_min(torch.finfo(torch.float32).eps)
         blended = splat(gaussians, torch.stack([depths, 1 / depths], dim=1), seen.camera)
         filled = blended.alphas[..., None]
         maps.append(torch.cat([blended.feature_map / (filled + THIN), filled], dim=-1))

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from stages.hiding.method import Method
 from stages.hiding.rendering import COVER, splat
 from stages.imaging.pictures import Picture, tensor_to_picture
-from stages.scene.cameras import Camera, Cameras, single_cameras
+from stages.scene.cameras import Camera, Cameras, depths_before, single_cameras
 from stages.scene.even_spread import evenly_spread
 from stages.scene.gaussians import Gaussians
 
@@ -100,8 +100,7 @@ def described(picture: Picture, most: int) -> tuple[Float64[np.ndarray, "K 2"], 
 @torch.no_grad()
 def depths(gaussians: Gaussians, camera: Camera) -> tuple[Float[np.ndarray, "H W"], Float[np.ndarray, "H W"]]:
     """The depth along the optical axis, blended and divided by the blended opacity, and that opacity."""
-    towards = camera.world_to_camera[2].to(gaussians.device)
-    along = gaussians.means @ towards[:3] + towards[3]
+    along = depths_before(gaussians.means, camera)
     rendering = splat(gaussians, along[:, None].contiguous(), camera)
     alphas = rendering.alphas.cpu()
     return (rendering.feature_map[..., 0].cpu() / alphas.clamp_min(1e-6)).numpy(), alphas.numpy()

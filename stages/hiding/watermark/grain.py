@@ -29,6 +29,8 @@ from stages.hiding.watermark.coins import Coins
 from stages.hiding.watermark.colors import COLORS, GRAIN
 from stages.scene.cameras import Camera, Cameras, single_cameras
 from stages.scene.gaussians import Gaussians
+from stages.scene.learnt_views import learnt_names
+from stages.scene.scene import Scene
 
 BASE = "sh_base"
 """The constant harmonic, which grain changes in methods without features."""
@@ -62,6 +64,11 @@ ours."""
 ROUNDS = 8
 """Iterations that scale the change until renders differ as much as required; the difference is almost proportional to
 it."""
+
+
+def measuring_cameras(scene: Scene) -> Cameras:
+    """The cameras on whose pictures a grain's strength is measured. Raises `UserError` if all views are test views."""
+    return scene.cameras.select(learnt_names(scene)[::MEASURED_ON])
 
 
 def grained(

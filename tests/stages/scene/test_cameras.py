@@ -8,7 +8,7 @@ import torch
 
 from pipeline.errors import UserError
 from stages.scene.alignment import project
-from stages.scene.cameras import Cameras, pixel_directions, rig_extent, single_cameras
+from stages.scene.cameras import Cameras, depths_before, pixel_directions, rig_extent, single_cameras
 from stages.tracing.rig import orbit
 
 SIZE = (20, 14)
@@ -41,6 +41,15 @@ def test_each_selected_camera_keeps_its_pose_and_its_intrinsics() -> None:
     assert chosen.names == ("c", "a")
     np.testing.assert_array_equal(chosen.world_to_camera, world_to_camera[[2, 0]])
     np.testing.assert_array_equal(chosen.intrinsics, intrinsics[[2, 0]])
+
+
+def test_a_point_has_the_same_depth_before_one_camera_as_before_its_rig() -> None:
+    cameras = Cameras(("a", "b"), *orbit(2, *SIZE, seed=0), *SIZE)
+    points = np.random.default_rng(0).normal(size=(7, 3))
+    _, depths = project(cameras, points)
+    for camera, expected in zip(single_cameras(cameras), depths, strict=True):
+        found = depths_before(torch.from_numpy(points).float(), camera)
+        np.testing.assert_allclose(found, expected, atol=1e-5)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
