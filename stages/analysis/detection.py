@@ -45,7 +45,7 @@ def share_reaching(scores: Sequence[float], threshold: float) -> float:
     return float(np.mean(np.asarray(scores) >= threshold)) if len(scores) else math.nan
 
 
-def upper_bound(successes: int, trials: int, confidence: float = CONFIDENCE) -> float:
+def upper_bound(successes: int, trials: int) -> float:
     """The one-sided Clopper-Pearson upper bound of a rate, for independent trials; 1 if there are none.
 
     >>> f"{upper_bound(0, 3000):.6f}", f"{upper_bound(0, 10):.3f}", upper_bound(2, 2)
@@ -53,10 +53,10 @@ def upper_bound(successes: int, trials: int, confidence: float = CONFIDENCE) -> 
     """
     if successes >= trials:
         return 1.0
-    return float(beta.ppf(confidence, successes + 1, trials - successes))
+    return float(beta.ppf(CONFIDENCE, successes + 1, trials - successes))
 
 
-def upper_bound_by_group(groups: Sequence[str], wrong: Collection[int], confidence: float = CONFIDENCE) -> float:
+def upper_bound_by_group(groups: Sequence[str], wrong: Collection[int]) -> float:
     """The same bound for the rate of groups, such as scenes, with any wrong trial.
 
     `groups` holds each trial's group, `wrong` the positions of the wrong trials. Pictures of one scene resemble each
@@ -67,4 +67,4 @@ def upper_bound_by_group(groups: Sequence[str], wrong: Collection[int], confiden
     >>> f"{upper_bound_by_group(['fox'] * 1000 + ['bonsai'] * 1000, []):.3f}"
     '0.776'
     """
-    return upper_bound(len({groups[position] for position in wrong}), len(set(groups)), confidence)
+    return upper_bound(len({groups[position] for position in wrong}), len(set(groups)))

@@ -33,6 +33,9 @@ claims too much rather than too little: at 0.95 it lies above the truth in 7 to 
 
 CONFIDENCE = 0.95
 
+REPEATS = 1000
+"""How often scenes and their views are drawn anew for an interval."""
+
 
 @dataclass(frozen=True)
 class DetectorScores:
@@ -91,7 +94,7 @@ def roc_curve(scenes: Sequence[DetectorScores]) -> tuple[tuple[float, float], ..
     return ((0.0, 0.0), *((float(false), float(true)) for false, true in points))
 
 
-def bootstrap_area(scores: Sequence[DetectorScores], seed: int, repeats: int = 1000) -> Area:
+def bootstrap_area(scores: Sequence[DetectorScores], seed: int, repeats: int = REPEATS) -> Area:
     """The mean area over scenes, each the mean over its detectors, with its 95 % interval.
 
     Each repeat draws scenes with replacement, one detector for each, and then runs of its views. With a single scene,
@@ -105,9 +108,7 @@ def bootstrap_area(scores: Sequence[DetectorScores], seed: int, repeats: int = 1
     return _with_interval(_mean_of_scenes(scenes), areas)
 
 
-def bootstrap_excess(
-    scores: Sequence[DetectorScores], controls: Sequence[DetectorScores], seed: int, repeats: int = 1000
-) -> Area:
+def bootstrap_excess(scores: Sequence[DetectorScores], controls: Sequence[DetectorScores], seed: int) -> Area:
     """The excess of the mean area of `scores` over that of `controls`, with its 95 % interval.
 
     Scores and controls correspond one to one in scene, detector and cameras, and all are usable. Each repeat draws the
@@ -120,7 +121,7 @@ def bootstrap_excess(
     scenes, of_controls = _by_scene(scores), _by_scene(controls)
     if not scenes:
         return UNKNOWN
-    drawn = _drawn(scenes, np.random.default_rng(seed), repeats)
+    drawn = _drawn(scenes, np.random.default_rng(seed), REPEATS)
     areas, by_chance = (_mean_areas(list(chain(*each)), drawn) for each in (scenes, of_controls))
     return _with_interval(_mean_of_scenes(scenes) - _mean_of_scenes(of_controls), areas - by_chance)
 

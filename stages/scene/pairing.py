@@ -18,6 +18,7 @@ OVERLAP = 10  # neighbours on either side that a photo of a sequence is matched 
 KEYFRAME_EVERY = 10  # keyframes of a sequence are all matched with each other: a walk may return to a place
 NEAREST = 20  # photos that each is matched with if poses are known
 BLOCK = 8  # photos; pairs are grouped by blocks, whose descriptors stay in memory
+BATCH = 64  # pairs that are matched at once, at least
 
 
 def choose_pairs(
@@ -73,12 +74,12 @@ def posed_pairs(world_to_camera: Float64[np.ndarray, "V 4 4"]) -> set[Pair]:
     return pairs
 
 
-def in_batches(pairs: set[Pair], at_least: int = 64) -> Iterator[list[Pair]]:
-    """The pairs in batches of neighbouring blocks of photos, each of `at_least` pairs or more, but for the last."""
+def in_batches(pairs: set[Pair]) -> Iterator[list[Pair]]:
+    """The pairs in batches of neighbouring blocks of photos, each of `BATCH` pairs or more, but for the last."""
     batch: list[Pair] = []
     block = None
     for pair in sorted(pairs, key=lambda pair: (pair[0] // BLOCK, pair[1] // BLOCK, pair)):
-        if (pair[0] // BLOCK, pair[1] // BLOCK) != block and len(batch) >= at_least:
+        if (pair[0] // BLOCK, pair[1] // BLOCK) != block and len(batch) >= BATCH:
             yield batch
             batch = []
         block = (pair[0] // BLOCK, pair[1] // BLOCK)

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn.functional import pad
 
-from stages.analysis.secrecy.apart import TellsShares, feature_maps_of, hardly_shown, surfaces_of
+from stages.analysis.secrecy.apart import Maps, TellsShares, feature_maps_of, hardly_shown, surfaces_of
 from stages.analysis.secrecy.conditions import (
     APART,
     CHANNELS,
@@ -35,8 +35,6 @@ PROBES = 4
 
 SMALLEST_SENSITIVITY = 1e-3
 """Regularises the sensitivity, as a share of its mean over all directions: less is as good as none."""
-
-Maps = list[Float[Tensor, "H W C"]]
 
 
 def blind_readings(gaussians: Gaussians, public: Method, views: Sequence[Observed], seed: int) -> dict[str, Maps]:

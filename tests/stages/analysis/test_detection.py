@@ -23,7 +23,7 @@ def test_the_threshold_is_the_highest_that_enough_scores_reach(scores: list[floa
 @settings(deadline=None)
 @given(st.integers(0, 20), st.integers(1, 400))
 def test_at_the_bound_so_few_would_be_rare(successes: int, trials: int) -> None:
-    bound = upper_bound(successes, trials, 0.95)
+    bound = upper_bound(successes, trials)
     if successes < trials:
         assert binom.cdf(successes, trials, bound) == pytest.approx(0.05)
     else:
