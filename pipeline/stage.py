@@ -164,14 +164,10 @@ class Context:
         services: Services,
         items: Mapping[str, tuple[Item, ...]] | None = None,
     ) -> None:
-        self.inputs = inputs
-        self._items = items or {}
-        self.scratch = scratch
-        self.workflow_name = workflow_name
+        self.inputs, self.scratch, self.workflow_name = inputs, scratch, workflow_name
         self.facts: dict[str, Json] = {}
         self.seconds_before = 0.0
-        self._outputs = outputs
-        self._services = services
+        self._outputs, self._items, self._services = outputs, items or {}, services
 
     def input(self, name: str) -> Artifact:
         """The artifact of an input that takes one. Raises TypeError if it was given none, or takes many."""
@@ -182,8 +178,7 @@ class Context:
 
         Raises TypeError for an input without `many`.
         """
-        value = self.inputs[name]
-        if not isinstance(value, tuple):
+        if not isinstance(value := self.inputs[name], tuple):
             raise TypeError(f"input {name!r} is not declared with many=True")
         return value
 
@@ -231,6 +226,11 @@ class Context:
         """Raises Interrupted if the stage should stop: for loops that have nothing to save."""
         if self.stop_requested():
             raise Interrupted("stopped; it will start over next time")
+
+    def progress_or_stop(self, done: float, total: float, **figures: float) -> None:
+        """Reports how far the stage is, as `progress` does. Raises Interrupted as `stop_if_requested` does."""
+        self.progress(done, total, **figures)
+        self.stop_if_requested()
 
     def saved(self, problem: str | None) -> None:
         """Reports why a checkpoint could not be saved, or None if it was: a person is told while the stage goes on."""

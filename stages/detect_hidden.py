@@ -52,8 +52,7 @@ def detect_hidden(context: Context, parameters: DetectHiddenParameters) -> None:
     rows = _rows_of(context, parameters)
 
     def progress(share: float) -> None:
-        context.progress(share, 1)
-        context.stop_if_requested()
+        context.progress_or_stop(share, 1)
 
     measured = detection_rows(
         [_read(each, tuple(each)) for capture, each in rows if capture == parameters.capture],

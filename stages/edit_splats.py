@@ -59,8 +59,7 @@ def edit_splats(context: Context, parameters: EditSplatsParameters) -> None:
     for number, edit in enumerate(parameters.edits, start=1):
         gaussians, count = edited(replace(splats, gaussians=gaussians), edit, added)
         context.log(f"edit {number}, {edit.edit}: {count} Gaussians")
-        context.progress(number, len(parameters.edits))
-        context.stop_if_requested()
+        context.progress_or_stop(number, len(parameters.edits))
     _write(context, gaussians)
     context.output("splats").attributes.update(stated(world_scale_of(context.input("splats"))))
     context.record(gaussians=len(gaussians))

@@ -95,8 +95,7 @@ def evaluate(context: Context, parameters: EvaluateParameters) -> None:
 
     def scored(splats: Artifact, name: str, hidden: Mapping[str, MessageViews], finished: int) -> Scores:
         def progress(done: int, total: int) -> None:
-            context.progress(finished * total + done, passes * total)
-            context.stop_if_requested()
+            context.progress_or_stop(finished * total + done, passes * total)
 
         own = splats is container
         decodes = own and bool(messages or image)

@@ -135,8 +135,7 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
     places = {name: place for place, name in enumerate(names)}
 
     def kept(name: str) -> Path | bytes:
-        context.stop_if_requested()
-        context.progress(len(found.photos) + places[name], len(found.photos) + len(names))
+        context.progress_or_stop(len(found.photos) + places[name], len(found.photos) + len(names))
         return picture_of(found.photos[name], parameters.background, facts[name].turned)
 
     write_capture(context.output("capture"), capture, kept)
@@ -275,8 +274,7 @@ def facts_of(context: Context, found: PhotoFolder, posed: bool) -> tuple[dict[st
             facts[name] = read_facts(path, posed)
         except UserError as error:
             broken[name] = error
-        context.progress(count, 2 * len(found.photos))
-        context.stop_if_requested()
+        context.progress_or_stop(count, 2 * len(found.photos))
     return facts, broken
 
 

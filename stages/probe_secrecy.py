@@ -108,11 +108,7 @@ def probe_secrecy(context: Context, parameters: ProbeSecrecyParameters) -> None:
         device=working_device(),
     )
 
-    def tick(done: int, total: int) -> None:
-        context.progress(done, total)
-        context.stop_if_requested()
-
-    rows, pictures = probe.run(tick)
+    rows, pictures = probe.run(context.progress_or_stop)
     write_measurements(context.output("measurements"), rows)
     write_comparisons(context.output("pictures"), pictures)
     context.record(device=describe_drawing(probe.device))

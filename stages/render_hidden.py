@@ -114,14 +114,10 @@ def _placed(
             f"the message's world is small: enlarged {growth:.3g} times, so that it is not clipped by the near plane"
         )
 
-    def progress(done: int, total: int) -> None:
-        context.progress(done, total)
-        context.stop_if_requested()
-
     if message is None:
-        placed = place_alone(gaussians, cover, parameters.up, parameters.search_width, progress)
+        placed = place_alone(gaussians, cover, parameters.up, parameters.search_width, context.progress_or_stop)
     else:
-        placed = place(gaussians, message, cover, parameters.search_width, progress)
+        placed = place(gaussians, message, cover, parameters.search_width, context.progress_or_stop)
     return gaussians, placed, factor * growth
 
 

@@ -70,8 +70,7 @@ def render_path(context: Context, parameters: RenderPathParameters) -> None:
     for number, rendering in enumerate(read.photographs(path, shown), start=1):
         for title, picture in panels_of(read.gaussians, rendering).items():
             filmed.setdefault(title, []).append(enlarged(picture))
-        context.progress(number, parameters.frames)
-        context.stop_if_requested()
+        context.progress_or_stop(number, parameters.frames)
     rate = parameters.frames / parameters.seconds
     videos = encoded(filmed, parameters.method, rate, context.stop_if_requested)
     write_videos(context.output("videos"), videos)

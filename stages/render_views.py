@@ -52,8 +52,7 @@ def render_views(context: Context, parameters: RenderViewsParameters) -> None:
         rendered = photographs(read_gaussians(container, device), read_method(container, device=device), path)
         for number, rendering in enumerate(rendered, start=1):
             yield rendering
-            context.progress(number, parameters.views)
-            context.stop_if_requested()
+            context.progress_or_stop(number, parameters.views)
 
     write_renders(
         context.output("renders"), collect_renders(parameters.method, path.names, told(), parameters.feature_maps)

@@ -67,8 +67,7 @@ def reveal(context: Context, parameters: RevealParameters) -> None:
     looked_at = scene.cameras if view is None else scene.cameras.select([view])
 
     def progress(done: int) -> None:
-        context.progress(done, len(looked_at) + len(scene.cameras))
-        context.stop_if_requested()
+        context.progress_or_stop(done, len(looked_at) + len(scene.cameras))
 
     messages = _as_published(published, secret, looked_at, device, progress)
     scores = score(

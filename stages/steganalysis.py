@@ -41,6 +41,5 @@ def steganalysis(context: Context, parameters: SteganalysisParameters) -> None:
     rows: list[Measurement] = []
     for number, (condition, (pictures, names)) in enumerate(classes.items(), start=1):
         rows += stegexpose_rows(pictures, names, condition, parameters.method)
-        context.progress(number, len(classes))
-        context.stop_if_requested()
+        context.progress_or_stop(number, len(classes))
     write_measurements(context.output("measurements"), rows)

@@ -80,8 +80,7 @@ def view_container(context: Context, parameters: ViewContainerParameters) -> Non
     for number, rendering in enumerate(read.photographs(path, None if hiding is None else ()), start=1):
         for title, picture in rendering.pictures.items():
             filmed.setdefault(title, []).append(tensor_to_picture(picture))
-        context.progress(number, len(path))
-        context.stop_if_requested()
+        context.progress_or_stop(number, len(path))
     pictures = _kept(filmed, path, parameters)
     if hiding is not None:
         shown = next(read.photographs(hiding)).pictures

@@ -10,7 +10,8 @@ import pytest
 from pydantic import Field, ValidationError
 
 from pipeline.artifact import Artifact, create, load
-from pipeline.stage import Context, Input, Output, Parameters, run_stage, stage
+from pipeline.errors import Interrupted
+from pipeline.stage import Context, Input, Output, Parameters, Services, run_stage, stage
 
 
 class ScaleParameters(Parameters):
@@ -91,3 +92,15 @@ class Undescribed(Parameters):
 
 def _undescribed(context: Context, parameters: Undescribed) -> None:
     """A stage that @stage refuses."""
+
+
+def test_a_stage_that_is_asked_to_stop_first_says_how_far_it_is(tmp_path: Path) -> None:
+    told: list[tuple[float, float]] = []
+    asked = False
+    services = Services(lambda done, total, figures: told.append((done, total)), stop_requested=lambda: asked)
+    context = Context({}, {}, tmp_path, "test", services)
+    context.progress_or_stop(1, 2)
+    asked = True
+    with pytest.raises(Interrupted):
+        context.progress_or_stop(2, 2)
+    assert told == [(1, 2), (2, 2)]
