@@ -115,23 +115,10 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
     if own:
         context.log(agreeing(len(names), f"no pictures given: your own {len(names)} photo[s] [is|are] tried"))
     unseen = files_not_among({*found.photos.values()}, parameters.folder) if parameters.any_pictures and not own else []
-    _say_what_was_left_out(context, found, copies, unseen, parameters.folder)
-    for name, error in broken.items():
-        context.log(f"{name} is left out: {error}")
-    capture = Capture(
-        names=names,
-        sizes=tuple(facts[name].size for name in names),
-        focal_pixels=tuple(facts[name].focal_pixels for name in names),
-        ordered=numbered(names) if parameters.order == "auto" else parameters.order == "ordered",
-        poses=poses,
-        taken_by=taken_by({name: found.photos[name] for name in names}, facts),
-        test_names=held_out_names(names, place, splits, parameters.folder),
-    )
-    turned = sum(facts[name].turned != UPRIGHT for name in names)
-    if turned:
-        lie = f"{turned} photo[s] [is|are] kept as stored, which the poses refer to"
-        context.log(agreeing(turned, f"{lie}; EXIF would rotate [it|them]"))
-
+    _say_what_was_left_out(context, found, copies, unseen, broken, parameters.folder)
+    test_names = held_out_names(names, place, splits, parameters.folder)
+    capture = _capture(names, facts, found.photos, poses, test_names, parameters.order)
+    _say_what_was_kept(context, capture, facts)
     places = {name: place for place, name in enumerate(names)}
 
     def kept(name: str) -> Path | bytes:
@@ -140,11 +127,6 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
 
     write_capture(context.output("capture"), capture, kept)
     write_unreadable_names(context.output("capture"), broken)
-    if capture.test_names:
-        held_out = len(capture.test_names)
-        context.log(
-            agreeing(held_out, f"{held_out} photo[s] [is a test view|are test views] according to the pose files")
-        )
     context.record(
         photos=len(names),
         ignored_files=found.ignored,
@@ -222,8 +204,44 @@ def _poses(
     return poses, names
 
 
+def _capture(
+    names: tuple[str, ...],
+    facts: Mapping[str, PhotoFacts],
+    files: Mapping[str, Path],
+    poses: KnownPoses | None,
+    test_names: tuple[str, ...],
+    order: str,
+) -> Capture:
+    return Capture(
+        names=names,
+        sizes=tuple(facts[name].size for name in names),
+        focal_pixels=tuple(facts[name].focal_pixels for name in names),
+        ordered=numbered(names) if order == "auto" else order == "ordered",
+        poses=poses,
+        taken_by=taken_by({name: files[name] for name in names}, facts),
+        test_names=test_names,
+    )
+
+
+def _say_what_was_kept(context: Context, capture: Capture, facts: Mapping[str, PhotoFacts]) -> None:
+    """Which photos EXIF would rotate, and which are test views."""
+    turned, held_out = sum(facts[name].turned != UPRIGHT for name in capture.names), len(capture.test_names)
+    if turned:
+        lie = f"{turned} photo[s] [is|are] kept as stored, which the poses refer to"
+        context.log(agreeing(turned, f"{lie}; EXIF would rotate [it|them]"))
+    if held_out:
+        context.log(
+            agreeing(held_out, f"{held_out} photo[s] [is a test view|are test views] according to the pose files")
+        )
+
+
 def _say_what_was_left_out(
-    context: Context, found: PhotoFolder, copies: Sequence[str], unseen: Sequence[Path], folder: Path
+    context: Context,
+    found: PhotoFolder,
+    copies: Sequence[str],
+    unseen: Sequence[Path],
+    broken: Mapping[str, UserError],
+    folder: Path,
 ) -> None:
     if found.left_out:
         count = len(found.left_out)
@@ -249,6 +267,8 @@ def _say_what_was_left_out(
         count = len(unseen)
         files = agreeing(count, f"{count} file[s] in the folder and its subfolders [was|were] not looked at")
         context.log(f"{files}, such as {listed}")
+    for name, error in broken.items():
+        context.log(f"{name} is left out: {error}")
 
 
 def _refuse_images(parameters: PhotosParameters, splits: Mapping[str, Path]) -> None:

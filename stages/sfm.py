@@ -105,7 +105,13 @@ def sfm(context: Context, parameters: SfmParameters) -> None:
         **stated(factor),
         **errors,
     )
+    _record(context, capture, poses, scene, result)
+
+
+def _record(context: Context, capture: Capture, poses: KnownPoses | None, scene: Scene, result: Reconstruction) -> None:
+    """Log how many photos were placed, and record how, and which photos are to be doubted."""
     error = result.mean_reprojection_error
+    points = poses is not None and poses.points is not None
     context.log(
         f"{len(scene.cameras)} of {len(capture.names)} photos placed, {len(scene.points)} points"
         f"{' that came with the poses' if points else ''}, reprojection error "

@@ -16,6 +16,9 @@ from stages.scene.attributes import strings
 from stages.scene.message_views import LEGAL_COVERAGE
 from stages.scene.plurals import agreeing, counted
 
+Facts = Mapping[str, object]
+"""What a stage recorded."""
+
 HARDLY_SEEN = (
     f"The message fills less than {100 * LEGAL_COVERAGE:.0f} % of every test view, so none counts as legal and its "
     "figures mean little."
@@ -38,71 +41,109 @@ OVERLAP = (
 
 def photos_left_out(finished: Finished) -> tuple[Remark, ...]:
     """Remarks on `photos`: pictures and poses that were left out, and why, and masks that are not used."""
-    kept, left, elsewhere, unseen = (
-        int(str(finished.facts.get(fact, 0))) for fact in ("photos", "without_pose", "left_out", "not_looked_at")
+    facts = finished.facts
+    unread = told_of_unread(facts)
+    return (
+        *_own_photos(facts),
+        *_not_looked_at(facts),
+        *_unreadable(facts),
+        *_without_pose(facts),
+        *_poses_without_photo(facts),
+        *_in_other_folders(facts),
+        *_copies(facts),
+        *_beside_those_used(facts),
+        *_masks(facts),
+        *([Remark(unread)] if unread else []),
     )
-    remarks = []
-    if finished.facts.get("own_photos"):
-        remarks.append(Remark(agreeing(kept, f"No pictures given: your own {kept} photo[s] [is|are] used instead.")))
-    if unseen:
-        remarks.append(
-            Remark(
-                f"{agreeing(kept, f'{kept} picture[s] [is|are] examined')}. "
-                f"{agreeing(unseen, f'{unseen} other file[s] in the folder and its subfolders [is|are] not')}: only "
-                "pictures directly in the folder and in a readable format count. The log names some."
-            )
-        )
-    broken = _recorded(finished.facts, "unreadable")
-    if broken:
-        remarks.append(
-            Remark(
-                f"{len(broken)} of {counted(kept + len(broken), 'picture')} cannot be read and "
-                f"{agreeing(len(broken), '[is left out; the log names it|are left out; the log names them]')}.",
-                f"Cannot be read: {', '.join(broken)}",
-            )
-        )
-    if left:
-        others = agreeing(left, "the other[s] [is|are] left out")
-        remarks.append(Remark(f"{kept} of {kept + left} photos came with a pose; {others}."))
-    thrown_away = int(str(finished.facts.get("without_photo", 0)))
-    if thrown_away:
-        poses = agreeing(thrown_away, "pose[s] [was|were] left out because [its photo is|their photos are] missing")
-        remarks.append(Remark(f"{thrown_away} {poses}; the log names some."))
-    if elsewhere:
-        remarks.append(
-            Remark(
-                agreeing(
-                    elsewhere,
-                    f"{elsewhere} more photo[s], in the folder itself or in another of its subfolders, [was|were] left "
-                    "out; the log says where.",
-                )
-            )
-        )
-    below, masked, copies = (int(str(finished.facts.get(fact, 0))) for fact in ("below", "masked", "copies"))
-    if copies:
-        remarks.append(
-            Remark(
-                agreeing(
-                    copies,
-                    f"{copies} of {kept + copies} photos [is an exact copy of another|are exact copies of others] and "
-                    "[was|were] left out; the log names [it|them].",
-                )
-            )
-        )
-    if below:
-        taken = agreeing(kept + left, f"the {kept + left} that [was|were] used")
-        beside = agreeing(below, f"{below} photo[s] [lies|lie] in folders beside {taken}, and [was|were] left out.")
-        remarks.append(Remark(f"{beside} {RIG}" if below > kept + left else f"{beside} The log names the folders."))
-    if masked:
-        name = f"{masked} frame[s] [names a mask, which is|name masks, which are] not used"
-        remarks.append(Remark(agreeing(masked, f"{name}: what [it covers|they cover] is part of the scene.")))
-    unread = told_of_unread(finished.facts)
-    if unread:
-        remarks.append(Remark(unread))
-    return tuple(remarks)
 
 
-def told_of_unread(facts: Mapping[str, object]) -> str:
+def _number(facts: Facts, fact: str) -> int:
+    return int(str(facts.get(fact, 0)))
+
+
+def _own_photos(facts: Facts) -> tuple[Remark, ...]:
+    kept = _number(facts, "photos")
+    if not facts.get("own_photos"):
+        return ()
+    return (Remark(agreeing(kept, f"No pictures given: your own {kept} photo[s] [is|are] used instead.")),)
+
+
+def _not_looked_at(facts: Facts) -> tuple[Remark, ...]:
+    kept, unseen = _number(facts, "photos"), _number(facts, "not_looked_at")
+    if not unseen:
+        return ()
+    return (
+        Remark(
+            f"{agreeing(kept, f'{kept} picture[s] [is|are] examined')}. "
+            f"{agreeing(unseen, f'{unseen} other file[s] in the folder and its subfolders [is|are] not')}: only "
+            "pictures directly in the folder and in a readable format count. The log names some."
+        ),
+    )
+
+
+def _unreadable(facts: Facts) -> tuple[Remark, ...]:
+    kept, broken = _number(facts, "photos"), _recorded(facts, "unreadable")
+    if not broken:
+        return ()
+    return (
+        Remark(
+            f"{len(broken)} of {counted(kept + len(broken), 'picture')} cannot be read and "
+            f"{agreeing(len(broken), '[is left out; the log names it|are left out; the log names them]')}.",
+            f"Cannot be read: {', '.join(broken)}",
+        ),
+    )
+
+
+def _without_pose(facts: Facts) -> tuple[Remark, ...]:
+    kept, left = _number(facts, "photos"), _number(facts, "without_pose")
+    if not left:
+        return ()
+    others = agreeing(left, "the other[s] [is|are] left out")
+    return (Remark(f"{kept} of {kept + left} photos came with a pose; {others}."),)
+
+
+def _poses_without_photo(facts: Facts) -> tuple[Remark, ...]:
+    missing = _number(facts, "without_photo")
+    if not missing:
+        return ()
+    poses = agreeing(missing, "pose[s] [was|were] left out because [its photo is|their photos are] missing")
+    return (Remark(f"{missing} {poses}; the log names some."),)
+
+
+def _in_other_folders(facts: Facts) -> tuple[Remark, ...]:
+    elsewhere = _number(facts, "left_out")
+    if not elsewhere:
+        return ()
+    photos = f"{elsewhere} more photo[s], in the folder itself or in another of its subfolders,"
+    return (Remark(agreeing(elsewhere, f"{photos} [was|were] left out; the log says where.")),)
+
+
+def _copies(facts: Facts) -> tuple[Remark, ...]:
+    kept, copies = _number(facts, "photos"), _number(facts, "copies")
+    if not copies:
+        return ()
+    are = f"{copies} of {kept + copies} photos [is an exact copy of another|are exact copies of others]"
+    return (Remark(agreeing(copies, f"{are} and [was|were] left out; the log names [it|them].")),)
+
+
+def _beside_those_used(facts: Facts) -> tuple[Remark, ...]:
+    used, below = _number(facts, "photos") + _number(facts, "without_pose"), _number(facts, "below")
+    if not below:
+        return ()
+    taken = agreeing(used, f"the {used} that [was|were] used")
+    beside = agreeing(below, f"{below} photo[s] [lies|lie] in folders beside {taken}, and [was|were] left out.")
+    return (Remark(f"{beside} {RIG}" if below > used else f"{beside} The log names the folders."),)
+
+
+def _masks(facts: Facts) -> tuple[Remark, ...]:
+    masked = _number(facts, "masked")
+    if not masked:
+        return ()
+    name = f"{masked} frame[s] [names a mask, which is|name masks, which are] not used"
+    return (Remark(agreeing(masked, f"{name}: what [it covers|they cover] is part of the scene.")),)
+
+
+def told_of_unread(facts: Facts) -> str:
     """A sentence on the pictures that `photos` found but cannot read; empty if there are none."""
     unread = facts.get("unread")
     if not isinstance(unread, dict) or not unread:
@@ -155,7 +196,7 @@ def photos_placed(finished: Finished) -> Remark:
     return Remark(f"{share}; the log names {others}. {why_not_placed(finished.facts)}", "; ".join(details))
 
 
-def why_not_placed(facts: Mapping[str, object]) -> str:
+def why_not_placed(facts: Facts) -> str:
     """What to do about photos that `sfm` did not place, according to what it recorded."""
     folded, cropping = (len(_recorded(facts, why)) for why in ("folded", "cropping"))
     said = []
@@ -175,7 +216,7 @@ def why_not_placed(facts: Mapping[str, object]) -> str:
     return " ".join(said) or OVERLAP
 
 
-def _recorded(facts: Mapping[str, object], why: str) -> list[str]:
+def _recorded(facts: Facts, why: str) -> list[str]:
     recorded = facts.get(why, [])
     return [str(name) for name in recorded] if isinstance(recorded, list) else []
 
@@ -203,7 +244,7 @@ def photos_cropped(finished: Finished) -> tuple[Remark, ...]:
     )
 
 
-def told_of_cropping(facts: Mapping[str, object]) -> str:
+def told_of_cropping(facts: Facts) -> str:
     """A sentence on what `sfm` recorded, if pictures show little of most photos; else empty."""
     shares = sorted(_shares_shown(facts))
     most = shares[(len(shares) - 1) // 2] if shares else 1.0
@@ -212,7 +253,7 @@ def told_of_cropping(facts: Mapping[str, object]) -> str:
     return f"The pictures show {100 * most:.0f} % of most photos: all are cropped to what every photo has in view."
 
 
-def _shares_shown(facts: Mapping[str, object]) -> list[float]:
+def _shares_shown(facts: Facts) -> list[float]:
     """The fraction shown of each photo; empty if all lenses see equally much."""
     recorded = facts.get("shares_shown", [])
     return [float(str(share)) for share in recorded] if isinstance(recorded, list) else []
