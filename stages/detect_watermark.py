@@ -63,7 +63,7 @@ OWN_RENDERS, OTHER_RENDERS = "renders from before", "renders of other scenes"
 NOISY_PHOTOS = "photos of other things, noise of 5 levels"
 """Counted separately: a watermark in a picture is itself faint noise, and decoders may mistake noise for it."""
 
-NOISE = noisy(5.0)
+PHOTO_NOISE = noisy(5.0)
 
 SEEN = "seen"
 """Checkpoint array of the reader's results, a row for each picture."""
@@ -313,7 +313,7 @@ def _negatives(
     for name, window in windows(shipped, amounts.each if shipped else 0):
         yield Negative(OTHER_PHOTOS, name, OTHER_SCENES), window
     for name, window in windows(shipped, amounts.each if shipped else 0):
-        yield Negative(NOISY_PHOTOS, name, None), NOISE.apply(window, generator)
+        yield Negative(NOISY_PHOTOS, name, None), PHOTO_NOISE.apply(window, generator)
     others = zip(context.input_many("other_scenes"), context.input_many("other_splats"), strict=True)
     for number, (other, model) in enumerate(others, start=1):
         for picture in seen(model, read_scene(other), amounts.each):

@@ -24,6 +24,7 @@ from stages.scene.gaussians import Gaussians
 from stages.scene.moved_splats import degree_of
 from stages.scene.scene import read_scene
 from stages.scene.similarity import Similarity
+from stages.scene.spherical_harmonics import SH_REST
 from stages.scene.world_scale import stated, world_scale_of
 
 
@@ -76,5 +77,5 @@ def _read(splats: Artifact, scene: Artifact | None, name: str) -> Splats:
 
 
 def _write(context: Context, gaussians: Gaussians) -> None:
-    degree = degree_of(gaussians["sh_rest"])
+    degree = degree_of(gaussians[SH_REST])
     write_container(context.output("splats"), gaussians, build_method(PLAIN, {"sh_degree": degree}))

@@ -33,7 +33,7 @@ from stages.scene.gaussians import Gaussians
 from stages.scene.message_views import LEGAL_COVERAGE, MessageViews, write_message_views
 from stages.scene.scene import Scene, read_scene
 from stages.scene.similarity import Similarity
-from stages.scene.spherical_harmonics import BASE
+from stages.scene.spherical_harmonics import CONSTANT_HARMONIC, SH_BASE
 from stages.scene.world_scale import scaled, world_scale_of
 from stages.training.threads import Threads
 
@@ -135,7 +135,7 @@ def visible_points(gaussians: Gaussians, seed: int) -> tuple[Float32[np.ndarray,
     """
     weight = visibility(gaussians)
     order = np.argsort(np.random.default_rng(seed).exponential(size=len(weight)) / weight, kind="stable")
-    colors = (gaussians["sh_base"].detach() * BASE + 0.5).clamp(0, 1)
+    colors = (gaussians[SH_BASE].detach() * CONSTANT_HARMONIC + 0.5).clamp(0, 1)
     means, shades = gaussians.means.detach(), (colors * 255).round().to(torch.uint8)
     return means.cpu().numpy()[order], shades.cpu().numpy()[order]
 

@@ -54,13 +54,13 @@ COVER_BEFORE, COVER_AFTER = "cover, before", "cover, after"
 COVER_CONTROL = "cover, trained as long without the watermark"
 """Conditions of the container's own PSNR on test views."""
 
-PRUNING, QUANTISATION, NOISE = "container, pruned", "container, quantised", "container, noise on colours"
+PRUNING, QUANTISATION, CONTAINER_NOISE = "container, pruned", "container, quantised", "container, noise on colours"
 """Conditions of renders of attacked containers."""
 
 CONTAINER_WORDING = {
     PRUNING: "container: pruned at random, share",
     QUANTISATION: "container: quantised, bits",
-    NOISE: "container: noise on features or harmonics, sigma in spreads",
+    CONTAINER_NOISE: "container: noise on features or harmonics, sigma in spreads",
 }
 
 RENDERS, CLEAN_CHANNEL = "renders", "clean channel"

@@ -11,7 +11,7 @@ from stages.analysis.attacks.noise import noise
 from stages.analysis.attacks.pruning import random_pruning
 from stages.analysis.attacks.quantisation import quantisation
 from stages.analysis.attacks.target import Target
-from stages.analysis.watermark_trials import NOISE, PRUNING, QUANTISATION
+from stages.analysis.watermark_trials import CONTAINER_NOISE, PRUNING, QUANTISATION
 
 
 def attacked_containers(target: Target, seed: int) -> list[tuple[str, float, Callable[[], Target]]]:
@@ -35,5 +35,5 @@ def attacked_containers(target: Target, seed: int) -> list[tuple[str, float, Cal
     return [
         *((PRUNING, share, partial(pruned, share)) for share in (0.05, 0.25)),
         *((QUANTISATION, bits, partial(quantised, bits)) for bits in (8, 5)),
-        *((NOISE, spread, partial(noisy, spread)) for spread in (0.1, 0.2)),
+        *((CONTAINER_NOISE, spread, partial(noisy, spread)) for spread in (0.1, 0.2)),
     ]

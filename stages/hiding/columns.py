@@ -14,6 +14,7 @@ from jaxtyping import Float32
 
 from pipeline.errors import UserError
 from stages.scene.ply.reading import Ply
+from stages.scene.spherical_harmonics import SH_BASE, SH_REST
 
 VERTEX = "vertex"
 NORMALS = ("nx", "ny", "nz")
@@ -43,14 +44,14 @@ class Layout:
 HARMONICS = "spherical harmonics of degree 1 and more in the order and signs of 3DGS, all of red, then green, then blue"
 LAYOUTS = {
     "means": Layout("x y z", "position in the world, as it is"),
-    "sh_base": Layout("f_dc_*", "constant harmonic: colour = max(0, 0.5 + 0.28209479 value + what f_rest adds)"),
-    "sh_rest": Layout("f_rest_*", HARMONICS, colors_apart=True),
+    SH_BASE: Layout("f_dc_*", "constant harmonic: colour = max(0, 0.5 + 0.28209479 value + what f_rest adds)"),
+    SH_REST: Layout("f_rest_*", HARMONICS, colors_apart=True),
     "raw_features": Layout("feature_*", "sigmoid(value) is blended into the feature map that the scene decoder reads"),
     "logit_opacities": Layout("opacity", "opacity = sigmoid(value)"),
     "log_scales": Layout("scale_*", "standard deviation along the Gaussian's own axis = exp(value)"),
     "quats": Layout("rot_*", "rotation as a quaternion w x y z, to be normalised"),
 }
-FIRST, LAST = ("means", "sh_base", "sh_rest"), ("logit_opacities", "log_scales", "quats")
+FIRST, LAST = ("means", SH_BASE, SH_REST), ("logit_opacities", "log_scales", "quats")
 """3DGS's order of columns; attributes that it does not have come in between."""
 
 
@@ -81,7 +82,7 @@ def columns_of(attributes: Mapping[str, Float32[np.ndarray, "N ..."]]) -> dict[s
             values = values.swapaxes(-1, -2)
         flat = values.reshape(len(values), math.prod(values.shape[1:]))
         added = dict(zip(layout.columns(flat.shape[1]), flat.T, strict=True))
-        if name == "means" and "sh_base" in attributes:
+        if name == "means" and SH_BASE in attributes:
             added |= {normal: np.zeros(len(values), np.float32) for normal in NORMALS}
         if added.keys() & columns.keys():
             raise ValueError(

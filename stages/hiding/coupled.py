@@ -11,6 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from stages.hiding.decoders import PRECISIONS
+from stages.hiding.networks import MESSAGE_DECODER, SCENE_DECODER
 from stages.hiding.rendering import ACTIVATIONS, COVER, Rendering, splat
 from stages.scene.cameras import Camera
 from stages.scene.gaussians import Gaussians
@@ -62,11 +63,11 @@ class CoupledFeatures(ABC, Generic[DecoderType]):
         self.learning_rates: Mapping[str, float] = {FEATURES: FEATURE_RATE}
         self.scene_decoder = self.make_decoder(1, layers, decoder_width, kernel_size)
         self.decoders = [self.scene_decoder]
-        self.networks: dict[str, torch.nn.Module] = {"scene_decoder": self.scene_decoder}
+        self.networks: dict[str, torch.nn.Module] = {SCENE_DECODER: self.scene_decoder}
         if self.messages:
             self.message_decoder = self.make_decoder(len(self.messages), layers, decoder_width, kernel_size)
             self.decoders.append(self.message_decoder)
-            self.networks["message_decoder"] = self.message_decoder
+            self.networks[MESSAGE_DECODER] = self.message_decoder
         for network in self.networks.values():
             network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's stub omits it
 

@@ -10,7 +10,7 @@ from torch import Tensor
 from opencl.harmonics import colors_of_harmonics
 from stages.scene.cameras import Camera
 from stages.scene.gaussians import Gaussians
-from stages.scene.spherical_harmonics import BASE, harmonics_count
+from stages.scene.spherical_harmonics import CONSTANT_HARMONIC, harmonics_count
 from stages.timing.stopwatch import backward_of, part
 
 SPHERICAL_HARMONICS = "spherical harmonics"
@@ -26,7 +26,7 @@ def initial_harmonics(
     colors: Float[np.ndarray, "N 3"], sh_degree: int
 ) -> tuple[Float[Tensor, "N 3"], Float[Tensor, "N K 3"]]:
     """The constant harmonic and the others for Gaussians that show these sRGB colours in every direction."""
-    base = (torch.as_tensor(colors, dtype=torch.float32) - 0.5) / BASE
+    base = (torch.as_tensor(colors, dtype=torch.float32) - 0.5) / CONSTANT_HARMONIC
     return base, torch.zeros(len(base), harmonics_count(sh_degree) - 1, 3)
 
 

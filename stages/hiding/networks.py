@@ -1,4 +1,6 @@
 """Which networks of a method are published, and which remain secret."""
 
-PUBLIC_NETWORKS = ("scene_decoder",)
-SECRET_NETWORKS = ("message_decoder",)
+SCENE_DECODER, MESSAGE_DECODER = "scene_decoder", "message_decoder"
+
+PUBLIC_NETWORKS = (SCENE_DECODER,)
+SECRET_NETWORKS = (MESSAGE_DECODER,)

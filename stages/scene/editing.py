@@ -18,6 +18,7 @@ from stages.scene.moved_splats import chosen, joined, moved
 from stages.scene.recolouring import recoloured, recolouring
 from stages.scene.regions import Region
 from stages.scene.similarity import Similarity
+from stages.scene.spherical_harmonics import SH_BASE, SH_REST
 
 
 @dataclass(frozen=True)
@@ -55,9 +56,9 @@ def edited(splats: Splats, edit: Edit, added: Splats | None) -> tuple[Gaussians,
 
 def _recoloured(gaussians: Gaussians, inside: Bool[Tensor, " N"], edit: Recolour) -> Gaussians:
     matrix = recolouring(edit.hue, edit.saturation, edit.tint, edit.strength)
-    base, rest = gaussians["sh_base"].clone(), gaussians["sh_rest"].clone()
+    base, rest = gaussians[SH_BASE].clone(), gaussians[SH_REST].clone()
     base[inside], rest[inside] = recoloured(base[inside], rest[inside], matrix)
-    return Gaussians(gaussians.parameters | {"sh_base": base, "sh_rest": rest})
+    return Gaussians(gaussians.parameters | {SH_BASE: base, SH_REST: rest})
 
 
 def _without(gaussians: Gaussians, inside: Bool[Tensor, " N"]) -> Gaussians:

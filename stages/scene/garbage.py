@@ -8,8 +8,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from pipeline.errors import UserError
+from stages.scene.spherical_harmonics import SH_BASE, SH_REST
 
-LARGEST = {"means": 1e9, "log_scales": 40.0, "sh_base": 1e6, "sh_rest": 1e6, "quats": 1e6}
+LARGEST = {"means": 1e9, "log_scales": 40.0, SH_BASE: 1e6, SH_REST: 1e6, "quats": 1e6}
 """Largest plausible magnitudes, for attributes whose names end in these, such as `message_sh_base`. Up to them,
 covariances stay within float32's normal numbers. Other attributes only pass through a sigmoid."""
 SMALLEST_QUATERNION = 1e-6

@@ -9,10 +9,7 @@ from torch import Tensor
 
 from stages.scene.gaussians import Gaussians
 from stages.scene.similarity import Similarity
-from stages.scene.spherical_harmonics import MAXIMUM_DEGREE, harmonics, harmonics_count
-
-HARMONICS = "sh_rest"
-"""Suffix of attributes with harmonics beyond the constant one, [N, ..., K, 3]: the cover's, and those of messages."""
+from stages.scene.spherical_harmonics import MAXIMUM_DEGREE, SH_REST, harmonics, harmonics_count
 
 DIRECTIONS = 64
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
@@ -50,7 +47,7 @@ def _turned_attributes(gaussians: Gaussians, turn: Float64[np.ndarray, "3 3"]) -
     return {
         name: turned_harmonics(rest.flatten(0, -3), turn).reshape(rest.shape)
         for name, rest in gaussians.attributes.items()
-        if name.endswith(HARMONICS)
+        if name.endswith(SH_REST)  # the cover's, and those of messages, [N, ..., K, 3]
     }
 
 
@@ -70,8 +67,8 @@ def turned_harmonics(rest: Float[Tensor, "N K C"], rotation: Float64[np.ndarray,
 
 def joined(gaussians: Gaussians, added: Gaussians) -> Gaussians:
     """Both as one scene. If their harmonics differ in degree, the missing coefficients are zero."""
-    count = max(each["sh_rest"].shape[1] for each in (gaussians, added))
-    both = [each.parameters | {"sh_rest": _padded(each["sh_rest"], count)} for each in (gaussians, added)]
+    count = max(each[SH_REST].shape[1] for each in (gaussians, added))
+    both = [each.parameters | {SH_REST: _padded(each[SH_REST], count)} for each in (gaussians, added)]
     return Gaussians({name: torch.cat([each[name] for each in both]) for name in gaussians.parameters})
 
 

@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Float, Float64
 from torch import Tensor
 
-from stages.scene.spherical_harmonics import BASE
+from stages.scene.spherical_harmonics import CONSTANT_HARMONIC
 
 LUMINANCE = np.array([0.213, 0.715, 0.072])
 
@@ -37,7 +37,7 @@ def recoloured(
     """
     turned = torch.as_tensor(matrix, dtype=torch.float64)
     half = torch.full((3,), 0.5, dtype=torch.float64)
-    moved = base.double() @ turned.T + (turned @ half - half) / BASE
+    moved = base.double() @ turned.T + (turned @ half - half) / CONSTANT_HARMONIC
     return moved.to(base.dtype), (rest.double() @ turned.T).to(rest.dtype)
 
 

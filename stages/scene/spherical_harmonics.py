@@ -9,8 +9,11 @@ from jaxtyping import Float
 from torch import Tensor
 
 MAXIMUM_DEGREE = 3
-BASE = 0.5 / math.sqrt(math.pi)
-"""The constant harmonic Y00; a colour c is stored as (c - 0.5) / BASE."""
+SH_BASE, SH_REST = "sh_base", "sh_rest"
+"""Attributes of Gaussians in methods without features: the constant harmonic [N, 3], and the others [N, K, 3]."""
+
+CONSTANT_HARMONIC = 0.5 / math.sqrt(math.pi)
+"""The constant harmonic Y00; a colour c is stored as (c - 0.5) / CONSTANT_HARMONIC."""
 
 
 def harmonics_count(degree: int) -> int:
@@ -26,7 +29,7 @@ def harmonics(directions: Float[Tensor, "*batch 3"], degree: int) -> Float[Tenso
     """
     _check_degree(degree)
     x, y, z = directions.movedim(-1, 0).contiguous()  # contiguous, like the results: half the time
-    values = [torch.full_like(x, BASE)]
+    values = [torch.full_like(x, CONSTANT_HARMONIC)]
     if degree >= 1:
         first = math.sqrt(3 / (4 * math.pi))
         values += [-first * y, first * z, -first * x]

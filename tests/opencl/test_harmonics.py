@@ -9,7 +9,7 @@ from torch import Tensor
 from opencl.backend import Backend
 from opencl.device import choose_device
 from opencl.harmonics import _Colors, colors_of_harmonics
-from stages.scene.spherical_harmonics import BASE, harmonics
+from stages.scene.spherical_harmonics import CONSTANT_HARMONIC, harmonics
 
 CENTRE = (0.3, -0.2, -1.5)
 
@@ -71,7 +71,9 @@ def test_gradients_of_every_input() -> None:
 def test_a_constant_color_is_the_same_from_everywhere() -> None:
     color = torch.tensor([[0.2, 0.5, 0.9]])
     for centre in torch.eye(3):
-        seen = colors_of_harmonics((color - 0.5) / BASE, torch.zeros(1, 15, 3), torch.zeros(1, 3), centre, 3)
+        seen = colors_of_harmonics(
+            (color - 0.5) / CONSTANT_HARMONIC, torch.zeros(1, 15, 3), torch.zeros(1, 3), centre, 3
+        )
         torch.testing.assert_close(seen, color)
 
 
@@ -143,7 +145,7 @@ def test_what_does_not_fit_is_refused(changes: dict, message: str) -> None:
 def test_a_channel_that_begins_black_can_be_told_to_rise(dtype: torch.dtype) -> None:
     """0.5 and the constant term cancel to slightly more or less than zero; neither may stop the gradient."""
     means = torch.randn(500, 3, generator=torch.Generator().manual_seed(0), dtype=dtype)
-    base = ((torch.zeros(500, 3, dtype=dtype) - 0.5) / BASE).requires_grad_()
+    base = ((torch.zeros(500, 3, dtype=dtype) - 0.5) / CONSTANT_HARMONIC).requires_grad_()
     rest = torch.zeros(500, 15, 3, dtype=dtype)
     colors_of_harmonics(base, rest, means, torch.zeros(3, dtype=dtype), 3).sum().backward()
     assert base.grad is not None
@@ -151,7 +153,7 @@ def test_a_channel_that_begins_black_can_be_told_to_rise(dtype: torch.dtype) -> 
 
 
 def test_a_channel_well_under_zero_passes_nothing_on() -> None:
-    base = torch.full((4, 3), -0.6 / BASE).requires_grad_()
+    base = torch.full((4, 3), -0.6 / CONSTANT_HARMONIC).requires_grad_()
     colors_of_harmonics(base, torch.zeros(4, 15, 3), torch.randn(4, 3), torch.zeros(3), 3).sum().backward()
     assert base.grad is not None
     assert (base.grad == 0).all()

@@ -19,6 +19,7 @@ from stages.add_grain import AddGrainParameters, add_grain
 from stages.analysis.measurements import Measurement, read_measurements
 from stages.analysis.watermark_trials import (
     CLEAN_CHANNEL,
+    CONTAINER_NOISE,
     COVER_AFTER,
     COVER_BEFORE,
     COVER_CONTROL,
@@ -26,7 +27,6 @@ from stages.analysis.watermark_trials import (
     FALSE_POSITIVES,
     FALSE_POSITIVES_DISTORTED,
     NEGATIVES_DISTORTED,
-    NOISE,
     OTHER_SCENES,
     OWN_SCENE,
     PRUNING,
@@ -264,7 +264,7 @@ def test_grain_is_found_by_its_owner_alone(tmp_path: Path) -> None:
     assert owners[PSNR_WATERMARK, PICTURES_WITH_IT] > 40
     assert (owners[TRIALS, OWN_SCENE], owners[TRIALS, OTHER_SCENES]) == (2 + 4, 0), "each photo is one window"
     assert owners[FALSE_POSITIVES, OWN_SCENE] == 0
-    assert {PRUNING, QUANTISATION, NOISE} <= {condition for _, condition in owners}
+    assert {PRUNING, QUANTISATION, CONTAINER_NOISE} <= {condition for _, condition in owners}
     marked = scenes.photograph(read_gaussians(grain), read_method(grain), scenes.beside(scenes.rig()))
     certainties = {
         held: owners_reader(before, read_scene(cover), held, seed=0).certainty(marked) for held in (key, other, None)

@@ -22,7 +22,7 @@ from stages.scene.drawn_depths import enlarged_scene
 from stages.scene.frames import rig_frame
 from stages.scene.gaussians import Gaussians, gaussians_at
 from stages.scene.scene import read_scene, write_scene
-from stages.scene.spherical_harmonics import BASE
+from stages.scene.spherical_harmonics import CONSTANT_HARMONIC
 from stages.scene.world_scale import refuse_other_world, scaled, stated
 from tests.stages import small
 
@@ -64,7 +64,7 @@ def test_recolouring_changes_colours_inside_only(tmp_path: Path) -> None:
     tint = {"edit": "recolour", "tint": [1, 0, 0], "strength": 1, "region": HALF}
     before, after, _ = edited(tmp_path, [tint])
     inside = before.means[:, 0] >= 0
-    colours = 0.5 + BASE * after["sh_base"]
+    colours = 0.5 + CONSTANT_HARMONIC * after["sh_base"]
     np.testing.assert_allclose(colours[inside][:, 1:], 0, atol=1e-6)
     assert (colours[inside][:, 0] > 0).all()
     np.testing.assert_allclose(after["sh_rest"][inside][..., 1:], 0, atol=1e-6)

@@ -14,6 +14,7 @@ from torch import Tensor
 from stages.analysis.attacks.target import FollowsFeatures, Target
 from stages.hiding.coupled import FEATURES
 from stages.hiding.method import Method
+from stages.hiding.networks import SCENE_DECODER
 from stages.hiding.stored_features import FARTHEST, stored
 
 ANGLES = (5.0, 15.0, 30.0, 60.0, 90.0)
@@ -104,7 +105,7 @@ def compensated_rotation(target: Target, degrees: float, generator: torch.Genera
 
 def reads_centred(method: Method) -> bool:
     """Whether the scene decoder reads features minus half the opacity, so that it can undo a common factor."""
-    return cast(FollowsFeatures, method.networks["scene_decoder"]).reads_centred
+    return cast(FollowsFeatures, method.networks[SCENE_DECODER]).reads_centred
 
 
 def shrunk(target: Target, centred: Float64[Tensor, "N M"], back: Float64[Tensor, "M M"]) -> Target:
@@ -121,7 +122,7 @@ def shrunk(target: Target, centred: Float64[Tensor, "N M"], back: Float64[Tensor
 def _reading(method: Method, back: Float64[Tensor, "M M"]) -> Method:
     """A copy of the method whose scene decoder applies rows r B to features, centred at 0.5, in place of rows r."""
     changed = copy.deepcopy(method)
-    cast(FollowsFeatures, changed.networks["scene_decoder"]).read_along(back)
+    cast(FollowsFeatures, changed.networks[SCENE_DECODER]).read_along(back)
     return changed
 
 

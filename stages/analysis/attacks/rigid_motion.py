@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from stages.analysis.attacks.target import Target, ToldDirections
 from stages.hiding.method import Method
+from stages.hiding.networks import SCENE_DECODER
 from stages.scene.moved_splats import moved
 from stages.scene.similarity import Similarity
 
@@ -44,8 +45,8 @@ def _moved(target: Target, motion: Similarity) -> Target:
 
 def _turned_method(method: Method, motion: Similarity) -> Method:
     """The method; if its scene decoder reads viewing directions, a copy that reads rotated ones as the old ones."""
-    if not isinstance(method.networks.get("scene_decoder"), ToldDirections):
+    if not isinstance(method.networks.get(SCENE_DECODER), ToldDirections):
         return method
     turned = copy.deepcopy(method)
-    cast(ToldDirections, turned.networks["scene_decoder"]).turn_view(motion.rotation)
+    cast(ToldDirections, turned.networks[SCENE_DECODER]).turn_view(motion.rotation)
     return turned

@@ -14,12 +14,14 @@ from torch import Tensor
 
 from stages.hiding.coupled import FEATURES
 from stages.hiding.method import Method, ReadsRenders, move_networks
+from stages.hiding.networks import SCENE_DECODER
 from stages.scene.gaussians import Gaussians
 from stages.scene.moved_splats import chosen
 from stages.scene.similarity import Similarity
+from stages.scene.spherical_harmonics import SH_BASE, SH_REST
 from stages.training.loop import TrainingViews
 
-STANDARD_COLOURS = ("sh_base", "sh_rest")
+STANDARD_COLOURS = (SH_BASE, SH_REST)
 """The attributes of 3DGS besides geometry; all others belong to a method of their own."""
 
 
@@ -63,7 +65,7 @@ class Target:
     @property
     def decoder_follows_features(self) -> bool:
         """Whether the scene decoder can compensate for a linear change of the features."""
-        return self.has_features and isinstance(self.method.networks.get("scene_decoder"), FollowsFeatures)
+        return self.has_features and isinstance(self.method.networks.get(SCENE_DECODER), FollowsFeatures)
 
     @property
     def shows_message_in_renders(self) -> bool:

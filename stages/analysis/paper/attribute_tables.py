@@ -12,8 +12,9 @@ from stages.analysis.paper.grid import Cell, Grid, Line
 from stages.analysis.paper.measuring import Spread, mean
 from stages.analysis.paper.runs import Experiment, capture_title
 from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN
+from stages.scene.spherical_harmonics import SH_BASE
 
-CHARTED = ("logit_opacities", "log_scales", "raw_features", "sh_base")
+CHARTED = ("logit_opacities", "log_scales", "raw_features", SH_BASE)
 CLASS_TITLES = {HIDDEN: "hides a message", CLEAN: "hides nothing", CLEAN_AGAIN: "hides nothing, other seed"}
 
 

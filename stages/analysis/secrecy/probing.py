@@ -32,10 +32,11 @@ from stages.analysis.secrecy.measuring import picture_readings
 from stages.analysis.secrecy.observing import Observed, observe
 from stages.analysis.secrecy.open_message import open_reader
 from stages.analysis.secrecy.painting import STEPS, painted_surrogate
-from stages.analysis.secrecy.readers import MESSAGE_DECODER, attackers_reader, read
+from stages.analysis.secrecy.readers import attackers_reader, read
 from stages.analysis.secrecy.surrogate import SurrogateSettings, seen_views, train_surrogate
 from stages.analysis.secrecy.wrong_decoder import wrong_readings
 from stages.hiding.method import Method, move_networks
+from stages.hiding.networks import MESSAGE_DECODER
 from stages.imaging.pictures import tensor_to_picture
 from stages.scene.cameras import single_cameras
 from stages.scene.gaussians import Gaussians

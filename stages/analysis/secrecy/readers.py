@@ -16,9 +16,8 @@ from stages.analysis.secrecy.observing import Observed
 from stages.hiding.coupled import FEATURES, CoupledFeatures
 from stages.hiding.method import Method, ReadsRenders, build_method
 from stages.hiding.method_names import module_of
+from stages.hiding.networks import MESSAGE_DECODER
 from stages.hiding.rendering import COVER
-
-MESSAGE_DECODER = "message_decoder"
 
 WRONG_SEEDS = 1_000_000
 """The first seed of wrong decoders. Trainings have small seeds, and a decoder started from one would not be wrong."""

@@ -18,8 +18,9 @@ from numpy.random import Generator
 from torch import Tensor
 
 from stages.analysis.secrecy.observing import Observed
-from stages.analysis.secrecy.readers import MESSAGE_DECODER, pixels_beyond, read
+from stages.analysis.secrecy.readers import pixels_beyond, read
 from stages.hiding.method import Method
+from stages.hiding.networks import MESSAGE_DECODER
 from stages.training.adam import Adam
 
 

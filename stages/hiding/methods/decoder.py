@@ -15,6 +15,7 @@ from torch import Tensor
 from stages.hiding.coupled import DECODERS
 from stages.hiding.decoders import PRECISIONS, Decoder, decode
 from stages.hiding.methods.plain import Plain
+from stages.hiding.networks import MESSAGE_DECODER
 from stages.hiding.rendering import COVER, Rendering
 from stages.scene.cameras import Camera
 from stages.scene.gaussians import Gaussians
@@ -55,7 +56,7 @@ class PlainWithDecoder(Plain):
         if self.messages:
             self.message_decoder = Decoder(3, 3 * len(self.messages), layers, decoder_width, kernel_size)
             self.message_decoder.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # not in its stub
-            self.networks = {"message_decoder": self.message_decoder}
+            self.networks = {MESSAGE_DECODER: self.message_decoder}
 
     def render(
         self, gaussians: Gaussians, camera: Camera, progress: float = 1.0, wanted: Collection[str] | None = None

@@ -13,6 +13,7 @@ from stages.hiding.harmonics import RATES, degree_at, harmonics_shapes, initial_
 from stages.hiding.rendering import COVER, Rendering, splat
 from stages.scene.cameras import Camera
 from stages.scene.gaussians import Gaussians
+from stages.scene.spherical_harmonics import SH_BASE, SH_REST
 
 SETTINGS = ("sh_degree",)
 
@@ -26,7 +27,7 @@ class Plain:
         self.sh_degree = sh_degree
         self.messages: tuple[str, ...] = ()
         self.settings: Mapping[str, int | float | str] = {"sh_degree": sh_degree}
-        self.learning_rates: Mapping[str, float] = {"sh_base": RATES[0], "sh_rest": RATES[1]}
+        self.learning_rates: Mapping[str, float] = {SH_BASE: RATES[0], SH_REST: RATES[1]}
         self.networks: Mapping[str, torch.nn.Module] = {}
 
     def initial_attributes(
@@ -34,19 +35,19 @@ class Plain:
     ) -> dict[str, Float[Tensor, "N ..."]]:
         """Harmonics that show the points' colours in every direction."""
         base, rest = initial_harmonics(colors[COVER], self.sh_degree)
-        return {"sh_base": base, "sh_rest": rest}
+        return {SH_BASE: base, SH_REST: rest}
 
     def attribute_shapes(self) -> dict[str, tuple[int, ...]]:
         """Harmonics up to `sh_degree`."""
         base, rest = harmonics_shapes(self.sh_degree)
-        return {"sh_base": base, "sh_rest": rest}
+        return {SH_BASE: base, SH_REST: rest}
 
     def render(
         self, gaussians: Gaussians, camera: Camera, progress: float = 1.0, wanted: Collection[str] | None = None
     ) -> Rendering:
         """Render the cover over black."""
         colors = seen_colors(
-            gaussians, gaussians["sh_base"], gaussians["sh_rest"], camera, degree_at(self.sh_degree, progress)
+            gaussians, gaussians[SH_BASE], gaussians[SH_REST], camera, degree_at(self.sh_degree, progress)
         )
         rendering = splat(gaussians, colors, camera)
         rendering.pictures[COVER] = rendering.feature_map

@@ -17,6 +17,7 @@ from stages.hiding.harmonics import RATES, degree_at, harmonics_shapes, initial_
 from stages.hiding.rendering import COVER, Rendering, splat
 from stages.scene.cameras import Camera
 from stages.scene.gaussians import Gaussians
+from stages.scene.spherical_harmonics import SH_BASE, SH_REST
 
 SETTINGS = ("sh_degree",)
 
@@ -34,7 +35,7 @@ class HarmonicsForEach:
         self.sh_degree = sh_degree
         self.messages = tuple(messages)
         self.settings: Mapping[str, int | float | str] = {"sh_degree": sh_degree}
-        own = {"sh_base": RATES[0], "sh_rest": RATES[1]}
+        own = {SH_BASE: RATES[0], SH_REST: RATES[1]}
         self.learning_rates: Mapping[str, float] = own | (
             {f"message_{name}": rate for name, rate in own.items()} if self.messages else {}
         )
@@ -45,7 +46,7 @@ class HarmonicsForEach:
     ) -> dict[str, Float[Tensor, "N ..."]]:
         """Harmonics that show the points' colours in every picture and every direction."""
         base, rest = initial_harmonics(colors[COVER], self.sh_degree)
-        attributes = {"sh_base": base, "sh_rest": rest}
+        attributes = {SH_BASE: base, SH_REST: rest}
         if self.messages:
             bases, rests = zip(
                 *(initial_harmonics(colors[name], self.sh_degree) for name in self.messages), strict=True
@@ -56,7 +57,7 @@ class HarmonicsForEach:
     def attribute_shapes(self) -> dict[str, tuple[int, ...]]:
         """Harmonics up to `sh_degree`, for the cover and for every message."""
         base, rest = harmonics_shapes(self.sh_degree)
-        shapes = {"sh_base": base, "sh_rest": rest}
+        shapes = {SH_BASE: base, SH_REST: rest}
         if self.messages:
             count = len(self.messages)
             shapes |= {"message_sh_base": (count, *base), "message_sh_rest": (count, *rest)}
@@ -67,7 +68,7 @@ class HarmonicsForEach:
     ) -> Rendering:
         """Render the cover and every message over black, in a single pass."""
         degree = degree_at(self.sh_degree, progress)
-        sets = [(gaussians["sh_base"], gaussians["sh_rest"])]
+        sets = [(gaussians[SH_BASE], gaussians[SH_REST])]
         if self.messages:
             bases, rests = gaussians["message_sh_base"].unbind(dim=1), gaussians["message_sh_rest"].unbind(dim=1)
             sets += zip(bases, rests, strict=True)

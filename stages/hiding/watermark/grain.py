@@ -31,9 +31,7 @@ from stages.scene.cameras import Camera, Cameras, single_cameras
 from stages.scene.gaussians import Gaussians
 from stages.scene.learnt_views import learnt_names
 from stages.scene.scene import Scene
-
-BASE = "sh_base"
-"""The constant harmonic, which grain changes in methods without features."""
+from stages.scene.spherical_harmonics import SH_BASE
 
 SPACING = 16
 """Distance, in pixels, of those at which a decoder's derivatives are taken: more than its receptive field."""
@@ -111,7 +109,7 @@ def follows(before: Gaussians, after: Gaussians, coins: Coins) -> bool:
     """
     if not torch.equal(before.means, after.means):
         return False
-    name = FEATURES if FEATURES in before.parameters else BASE
+    name = FEATURES if FEATURES in before.parameters else SH_BASE
     values = [each[name].detach().double() for each in (before, after)]
     if name == FEATURES:
         values = [each.sigmoid() for each in values]  # a clamp at the ends, of earlier versions, is large before it
@@ -137,18 +135,18 @@ def _changed(
         share = (OF_THE_ROOM * room / (amounts.abs().double() + DITHER)).clamp_max(1)
         moved = torch.where(room > 0, stored(features + share * change), gaussians[FEATURES].detach())
         return Gaussians(gaussians.parameters | {FEATURES: moved})
-    return Gaussians(gaussians.parameters | {BASE: (gaussians[BASE].detach().double() + change).float()})
+    return Gaussians(gaussians.parameters | {SH_BASE: (gaussians[SH_BASE].detach().double() + change).float()})
 
 
 def _direction(gaussians: Gaussians, method: Method, cameras: Cameras) -> Float[Tensor, " M"]:
     if FEATURES in gaussians.parameters:
         shown = torch.stack([_derivatives(gaussians, method, camera) for camera in single_cameras(cameras)]).mean(0)
         return torch.linalg.pinv(shown)[:, GRAIN]
-    if BASE not in gaussians.parameters:
+    if SH_BASE not in gaussians.parameters:
         raise UserError(
             "grain needs coupled features or a constant harmonic",
             found=", ".join(gaussians.attributes),
-            expected=f"{FEATURES} or {BASE}",
+            expected=f"{FEATURES} or {SH_BASE}",
         )
     return COLORS[GRAIN].to(gaussians.device)
 

@@ -8,6 +8,7 @@ from pipeline.errors import UserError
 from stages.scene.gaussians import Gaussians
 from stages.scene.moved_splats import degree_of
 from stages.scene.ply.reading import begins_as_ply, read_ply
+from stages.scene.spherical_harmonics import SH_REST
 from stages.scene.splat_files.compressed_ply import is_compressed, values_of_compressed_ply
 from stages.scene.splat_files.gaussian_ply import values_of_gaussian_ply
 from stages.scene.splat_files.records import values_of_records
@@ -32,7 +33,7 @@ def read_splats(path: Path) -> tuple[Gaussians, int]:
         gaussians = gaussians_of(path, _values(path))
     except OSError as error:
         raise UserError("cannot be read", where=path, found=error.strerror or error) from error
-    return gaussians, degree_of(gaussians["sh_rest"])
+    return gaussians, degree_of(gaussians[SH_REST])
 
 
 def _values(path: Path) -> SplatValues:

@@ -11,7 +11,7 @@ from jaxtyping import Float, UInt8
 
 from stages.scene.garbage import refuse_garbage
 from stages.scene.gaussians import Gaussians
-from stages.scene.spherical_harmonics import BASE
+from stages.scene.spherical_harmonics import CONSTANT_HARMONIC
 
 LARGEST_LOGIT = 30.0
 """Opacity logits are clipped to ± this: sigmoids 1 and 9e-14. Programs with byte opacities write ±infinity."""
@@ -46,7 +46,7 @@ def gaussians_of(path: Path, values: SplatValues) -> Gaussians:
 
 def base_of_colors(colors: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, "N 3"]:
     """The constant harmonics of colours that are the same in all directions."""
-    return (colors - 0.5) / BASE
+    return (colors - 0.5) / CONSTANT_HARMONIC
 
 
 def logits_of_bytes(opacities: UInt8[np.ndarray, " N"]) -> Float[np.ndarray, " N"]:

@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pipeline.errors import UserError
-from stages.scene.spherical_harmonics import BASE
+from stages.scene.spherical_harmonics import CONSTANT_HARMONIC
 from stages.scene.splat_files.reading import read_splats
 from tests.stages.scene.splat_files.files import REST, columns, compressed_ply, pack, records, write_ply
 
@@ -114,7 +114,7 @@ def test_splat(tmp_path: Path) -> None:
     torch.testing.assert_close(gaussians.scales[1], torch.tensor([0.5, 0.25, 0.125]))
     assert gaussians["quats"][1].tolist() == [0.5, 0.0, -0.5, -1.0]
     torch.testing.assert_close(gaussians.opacities, torch.full((3,), 0.4))
-    torch.testing.assert_close(gaussians["sh_base"][2] * BASE + 0.5, torch.tensor([1.0, 0.0, 0.2]))
+    torch.testing.assert_close(gaussians["sh_base"][2] * CONSTANT_HARMONIC + 0.5, torch.tensor([1.0, 0.0, 0.2]))
     assert gaussians["sh_rest"].shape == (3, 0, 3)
 
 
@@ -138,9 +138,9 @@ def test_compressed_ply(tmp_path: Path) -> None:
     assert degree == 0
     torch.testing.assert_close(gaussians.means[:2], torch.tensor([LOW[:3], HIGH[:3]]))
     torch.testing.assert_close(gaussians["log_scales"][:2], torch.tensor([LOW[3:6], HIGH[3:6]]))
-    torch.testing.assert_close(gaussians["sh_base"][:2] * BASE + 0.5, torch.tensor([LOW[6:], HIGH[6:]]))
+    torch.testing.assert_close(gaussians["sh_base"][:2] * CONSTANT_HARMONIC + 0.5, torch.tensor([LOW[6:], HIGH[6:]]))
     torch.testing.assert_close(gaussians.opacities[2], torch.tensor(0.4))
-    torch.testing.assert_close(gaussians["sh_base"][2, 1] * BASE + 0.5, torch.tensor(0.5 + 0.2 * 0.25))
+    torch.testing.assert_close(gaussians["sh_base"][2, 1] * CONSTANT_HARMONIC + 0.5, torch.tensor(0.5 + 0.2 * 0.25))
 
 
 @pytest.mark.parametrize("largest", range(4))
@@ -159,7 +159,9 @@ def test_chunks_and_the_first_version_without_colours(tmp_path: Path) -> None:
     means = read_splats(tmp_path / "a.ply")[0].means
     assert (means[255].tolist(), means[256].tolist()) == (LOW[:3], [7.0, 7.0, 7.0])
     (tmp_path / "b.ply").write_bytes(compressed_ply([LARGEST], [LOW[:6] + HIGH[:6]], colored=False))
-    torch.testing.assert_close(read_splats(tmp_path / "b.ply")[0]["sh_base"] * BASE + 0.5, torch.ones(1, 3))
+    torch.testing.assert_close(
+        read_splats(tmp_path / "b.ply")[0]["sh_base"] * CONSTANT_HARMONIC + 0.5, torch.ones(1, 3)
+    )
 
 
 def test_harmonics_of_a_compressed_ply(tmp_path: Path) -> None:
@@ -352,5 +354,7 @@ def test_real_files(tmp_path: Path, name: str, count: int, opacity: float, color
     assert (len(gaussians), degree) == (count, 0)
     assert ((gaussians["quats"].norm(dim=1) - 1).abs() < 0.02).all()
     assert float(gaussians.opacities.mean()) == pytest.approx(opacity, rel=1e-3)
-    torch.testing.assert_close(gaussians["sh_base"].mean(dim=0) * BASE + 0.5, torch.tensor(color), rtol=1e-3, atol=0)
+    torch.testing.assert_close(
+        gaussians["sh_base"].mean(dim=0) * CONSTANT_HARMONIC + 0.5, torch.tensor(color), rtol=1e-3, atol=0
+    )
     assert float(gaussians.scales.median()) == pytest.approx(scale, rel=1e-3)
