@@ -10,7 +10,6 @@ from pydantic import Field, field_validator
 
 from opencl.routes import describe_drawing, working_device
 from pipeline.artifact import Artifact
-from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.comparisons import Comparison, write_comparisons
 from stages.analysis.public_scores import comparisons_for_the_public, rows_for_the_public
@@ -18,7 +17,7 @@ from stages.analysis.scoring import HiddenImage, Scores, leakage_rows, score, vi
 from stages.hiding.method_names import PLAIN, MethodName, module_of
 from stages.hiding.opening import read_container
 from stages.hiding.storage import bytes_of, check_drawn
-from stages.hiding.what_is_hidden import hidden_messages, view_that_hides
+from stages.hiding.what_is_hidden import messages_to_read, view_that_hides
 from stages.imaging.image import filling, read_image
 from stages.imaging.lpips import lpips_metrics
 from stages.imaging.lpips_weights import Network, weights_installed
@@ -89,7 +88,7 @@ def evaluate(context: Context, parameters: EvaluateParameters) -> None:
     check_drawn(container, parameters.method, context.input("cover"))
     if reference is not None:
         check_drawn(reference, PLAIN, context.input("cover"))
-    messages = _hidden_messages(messages, secret)
+    messages = messages_to_read(messages, secret, "evaluate")
     image = _hidden_image(context.input_optional("image"), secret, scene)
     passes = 1 if reference is None else 2
 
@@ -115,18 +114,6 @@ def evaluate(context: Context, parameters: EvaluateParameters) -> None:
         published += [] if reference.private else every[-1:]
     _write(context, every, scene, published, views_for_the_public(scene, parameters.shown_train_views))
     context.record(device=describe_drawing(device))
-
-
-def _hidden_messages(messages: Mapping[str, MessageViews], secret: Artifact | None) -> dict[str, MessageViews]:
-    """The messages that the container hides; a workflow may give more. Raises `UserError` if they lack a secret."""
-    if messages and secret is None:
-        raise UserError(
-            "the messages cannot be scored without the secret",
-            found="messages, but no secret",
-            expected="the secret, which holds the message decoder",
-            remedy="give evaluate the input secret: hide.secret",
-        )
-    return hidden_messages(messages, secret)
 
 
 def _hidden_image(image: Artifact | None, secret: Artifact | None, scene: Scene) -> HiddenImage | None:

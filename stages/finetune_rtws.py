@@ -14,7 +14,7 @@ from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.opening import refuse_sealed
 from stages.hiding.storage import check_drawn, read_gaussians, read_method, write_container
 from stages.hiding.watermark.storage import read_codec
-from stages.hiding.what_is_hidden import hidden_messages, view_that_hides
+from stages.hiding.what_is_hidden import messages_to_read, view_that_hides
 from stages.imaging.image import filling, read_image
 from stages.imaging.metric_table import write_rows
 from stages.imaging.pictures import picture_to_tensor
@@ -81,8 +81,8 @@ def finetune_rtws(context: Context, parameters: FinetuneRtwsParameters) -> None:
     Positions, shapes, opacities and the container's decoders stay as they are (the paper does not mention opacities and
     decoders). Messages or an image, given with the secret as for `evaluate`, are part of the loss; without them, the
     features are free to forget what they hide. `tune_watermark_decoder` comes next: one container serves all decoders
-    that learn from it. Raises `UserError` if the secret is that of a sealed container; without the secret this cannot
-    be told.
+    that learn from it. Raises `UserError` if the secret is that of a sealed container (without the secret this cannot
+    be told), and if it does not fit the messages or the image.
     """
     torch.set_num_threads(parameters.threads)
     container, secret = context.input("container"), context.input_optional("secret")
@@ -91,16 +91,17 @@ def finetune_rtws(context: Context, parameters: FinetuneRtwsParameters) -> None:
     device = working_device()
     scene, codec = read_scene(context.input("cover")), read_codec(context.input("codec")).to(device)
     watermark = filling(read_image(context.input("watermark"))[1], scene.cameras.width, scene.cameras.height)
-    messages = hidden_messages(read_message_pictures(context.input_many("messages"), scene.cameras.names), secret)
+    given = read_message_pictures(context.input_many("messages"), scene.cameras.names)
+    messages = messages_to_read(given, secret, "finetune_rtws")
+    fixed = _hidden_image(context.input_optional("image"), secret, scene, parameters)
+    gaussians, method = read_gaussians(container, device), read_method(container, secret, device)
+    refuse_unknown_attributes(gaussians, method, "finetune_rtws")
     views = training_views(scene, {name: message.pictures for name, message in messages.items()})
     marked: tuple[int, ...] = ()
     if parameters.marked:
         shown = picture_to_tensor(watermark, device)
         views, marked = half_watermarked(views, codec, shown, parameters.seed, context.stop_if_requested)
-    gaussians, method = read_gaussians(container, device), read_method(container, secret, device)
-    refuse_unknown_attributes(gaussians, method, "finetune_rtws")
     terms = hiding_terms([*messages], parameters.lambda_message, parameters.ssim_weight, parameters.ssim_weight)
-    fixed = _hidden_image(context.input_optional("image"), secret, scene, parameters)
     rates = FeatureRates(parameters.feature_rate, parameters.final_rate_share)
     training = feature_training(gaussians, method, views, terms, parameters.iterations, rates, parameters.seed, fixed)
     curves = train(context, training)

@@ -24,6 +24,24 @@ def hidden_messages(given: Mapping[str, Views], secret: Artifact | None) -> dict
     return {name: views for name, views in given.items() if name in hidden}
 
 
+def messages_to_read(given: Mapping[str, Views], secret: Artifact | None, stage: str) -> dict[str, Views]:
+    """`hidden_messages` for `stage`, which can do without any, if the container hides none.
+
+    Raises `UserError` if messages are given without a secret, or with one of hidden scenes that names none of them:
+    otherwise the stage would do its work as if nothing were hidden.
+    """
+    if given and secret is None:
+        raise UserError(
+            "the messages cannot be read without the secret",
+            found="messages, but no secret",
+            expected="the secret, which holds the message decoder",
+            remedy=f"give {stage} the input secret: hide.secret",
+        )
+    if given and secret is not None and strings(secret, "messages") and IMAGE_VIEW not in secret.attributes:
+        return at_least_one_hidden(given, secret, stage)
+    return hidden_messages(given, secret)
+
+
 def at_least_one_hidden(given: Mapping[str, Views], secret: Artifact, stage: str) -> dict[str, Views]:
     """`hidden_messages` for `stage`, which needs at least one. Raises `UserError` if there is none."""
     hidden = hidden_messages(given, secret)

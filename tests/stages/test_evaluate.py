@@ -23,7 +23,7 @@ from tests.stages import small
 def test_messages_without_the_secret_are_refused(tmp_path: Path) -> None:
     inputs = {"container": small.splats(tmp_path / "splats"), "cover": small.scene(tmp_path / "cover")}
     messages = {"messages": (small.message_views(tmp_path / "views"),)}
-    with pytest.raises(UserError, match="cannot be scored without the secret"):
+    with pytest.raises(UserError, match="cannot be read without the secret"):
         run_stage(evaluate, EvaluateParameters(method="plain", lpips="none"), inputs | messages, tmp_path / "scores")
 
 

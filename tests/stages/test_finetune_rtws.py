@@ -13,6 +13,7 @@ from pipeline.artifact import Artifact, create, load
 from pipeline.errors import UserError
 from pipeline.stage import run_stage
 from stages.hide_image import hide_image
+from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.hiding.rendering import COVER
 from stages.hiding.watermark.codec import new_codec
 from stages.hiding.watermark.storage import read_codec, write_codec
@@ -62,6 +63,24 @@ def test_gaussians_follow_the_watermarked_views(tmp_path: Path, inputs: Inputs) 
     assert not np.array_equal(marked, unmarked)
     control = finetuned(tmp_path / "control", inputs, marked=False)["container"].read("sh_base")
     np.testing.assert_array_equal(control, unmarked)
+
+
+def test_what_does_not_fit_the_container_is_refused_before_pictures_are_marked(
+    tmp_path: Path, inputs: Inputs, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Marking pictures can take half an hour."""
+    monkeypatch.setattr("stages.finetune_rtws.half_watermarked", lambda *_: pytest.fail("marked"))
+    views = small.message_views(tmp_path / "views")
+    parameters = HideScenesParameters.model_validate({"method": "sh", "iterations": 1, "message_points": 20})
+    made = run_stage(hide_scenes, parameters, {"cover": inputs["cover"], "messages": (views,)}, tmp_path / "hidden")
+    given = inputs | {"container": made["container"], "messages": (views,)}
+    with pytest.raises(UserError, match="the messages cannot be read without the secret"):
+        finetuned(tmp_path / "no secret", given, method="sh")
+    others = (small.message_views(tmp_path / "others", "vase"),)
+    with pytest.raises(UserError, match="hides none of the messages"):
+        finetuned(tmp_path / "others' messages", given | {"secret": made["secret"], "messages": others}, method="sh")
+    with pytest.raises(UserError, match="attributes"):
+        finetuned(tmp_path / "unknown attributes", inputs | {"container": made["container"]}, method="sh")
 
 
 def test_decoders_and_the_message_stay(tmp_path: Path, inputs: Inputs) -> None:
