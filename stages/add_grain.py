@@ -12,7 +12,7 @@ from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.opening import refuse_sealed
 from stages.hiding.storage import check_drawn, read_gaussians, read_method, write_container
 from stages.hiding.watermark.coins import thrown
-from stages.hiding.watermark.grain import grained, measuring_cameras
+from stages.hiding.watermark.grain import grained, level_shown, measuring_cameras
 from stages.scene.scene import read_scene
 from stages.training.threads import Threads
 
@@ -71,6 +71,9 @@ def add_grain(context: Context, parameters: AddGrainParameters) -> None:
         key = context.input_optional("key")
         coins = thrown(len(gaussians), key_generator(key, parameters.seed))
         dither = generator_apart(key, "dither", parameters.seed)
-        gaussians = grained(gaussians, method, cameras, parameters.level, coins, dither)
+        before, stop = gaussians, context.stop_if_requested
+        gaussians = grained(before, method, cameras, parameters.level, coins, dither, stop)
+        shown = level_shown(before, gaussians, method, cameras, parameters.level, context.log, stop)
+        context.record(level_shown=round(shown, 3))
     write_container(context.output("container"), gaussians, method)
     context.record(device=describe_drawing(device))

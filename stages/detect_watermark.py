@@ -90,9 +90,10 @@ class DetectWatermarkParameters(Parameters):
     negatives: int = Field(
         3200,
         ge=1,
-        description="Minimum number of pictures of other scenes, split equally among the sources; as many of the cover "
-        "without the watermark are added, and as many noisy ones as one source has. Photos smaller than the scene's "
-        "pictures are left out; the log says how many of the shipped ones.",
+        description="Number of pictures of other scenes, split equally among the sources; as many of the cover without "
+        "the watermark are added, and as many noisy ones as one source has. A source whose photos are hardly larger "
+        "than the scene's pictures has fewer; rates and their bounds count what there is. Photos smaller than the "
+        "scene's pictures are left out; the log says how many of the shipped ones.",
     )
     distorted_of: int = Field(
         20,
@@ -200,7 +201,8 @@ def _detector(
             )
         return Detector(shown_by_decoder(read_codec(codec).to(working_device())), watermark, seen=seen)
     key = context.input_optional("key")
-    reader = owners_reader(context.input("before"), scene, key, parameters.grain_seed, working_device())
+    before, stop = context.input("before"), context.stop_if_requested
+    reader = owners_reader(before, scene, key, parameters.grain_seed, working_device(), stop)
     return Detector(shown_by_grain(reader, watermark), watermark, FOUND_SHARE, seen)
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Callable
+from functools import cache, partial
 
 import torch
 from pydantic import Field
@@ -60,7 +61,11 @@ def find_grain(context: Context, parameters: FindGrainParameters) -> None:
     check_drawn(before, parameters.method, context.input("cover"))
     scene, key, device = read_scene(context.input("cover")), context.input_optional("key"), working_device()
     drawn_by = describe_drawing(device)
-    reader = owners_reader(before, scene, key, parameters.grain_seed, device)
+
+    @cache  # its landmarks take a while, and a resumed run may have all scores
+    def reader() -> GrainReader:
+        return owners_reader(before, scene, key, parameters.grain_seed, device, context.stop_if_requested)
+
     capture = context.input("pictures")
     names = read_capture(capture).names
     rows = []
@@ -82,8 +87,8 @@ def find_grain(context: Context, parameters: FindGrainParameters) -> None:
     context.record(device=drawn_by)
 
 
-def _scored(reader: GrainReader, picture: Picture) -> list[Measurement]:
-    return [Measurement(SCORE, reader.score(picture), "picture")]
+def _scored(reader: Callable[[], GrainReader], picture: Picture) -> list[Measurement]:
+    return [Measurement(SCORE, reader().score(picture), "picture")]
 
 
 def _told(picture: Picture, score: float) -> str:

@@ -24,7 +24,7 @@ from stages.hiding.photographs import photographs
 from stages.hiding.rendering import COVER
 from stages.hiding.storage import check_drawn, read_gaussians, read_method, write_container
 from stages.hiding.watermark.coins import thrown
-from stages.hiding.watermark.grain import grained, measuring_cameras
+from stages.hiding.watermark.grain import grained, level_shown, measuring_cameras
 from stages.hiding.watermark.storage import read_codec, write_codec
 from stages.hiding.what_is_hidden import view_of_an_image
 from stages.imaging.image import filling, read_image
@@ -118,7 +118,11 @@ def imprint_watermark(context: Context, parameters: ImprintWatermarkParameters) 
     key = context.input_optional("key")
     coins = thrown(len(gaussians), key_generator(key, parameters.seed))
     dither = generator_apart(key, "dither", parameters.seed)
-    marked = grained(gaussians, method, measuring_cameras(scene), parameters.first_level, coins, dither)
+    cameras, level, stop = measuring_cameras(scene), parameters.first_level, context.stop_if_requested
+    marked = grained(gaussians, method, cameras, level, coins, dither, stop)
+    context.record(
+        first_level_shown=round(level_shown(gaussians, marked, method, cameras, level, context.log, stop), 3)
+    )
     curves = train_network(context, Imprinting(marked, gaussians, method, codec, pictures, _settings(parameters)))
     write_container(context.output("container"), marked, method)
     write_codec(context.output("codec"), codec)

@@ -13,7 +13,9 @@ import pytest
 from pipeline.artifact import Artifact
 from pipeline.errors import Interrupted
 from pipeline.stage import Parameters, Services, Stage, run_stage
+from stages.add_grain import AddGrainParameters, add_grain
 from stages.evaluate import EvaluateParameters, evaluate
+from stages.find_grain import FindGrainParameters, find_grain
 from stages.finetune_rtws import FinetuneRtwsParameters, finetune_rtws
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.photos import PhotosParameters, photos
@@ -21,7 +23,7 @@ from stages.render_hidden import RenderHiddenParameters, render_hidden
 from stages.render_path import RenderPathParameters, render_path
 from stages.time_frames import TimeFramesParameters, time_frames
 from stages.train_scene import TrainSceneParameters, train_scene
-from tests.stages import small
+from tests.stages import small, watermarks
 from tests.stages.watermarks import inputs_of_rtws
 
 ITERATIONS = 120
@@ -107,12 +109,17 @@ def write_photos(folder: Path) -> Path:
 
 @pytest.mark.parametrize("stop_at", [1, 3])
 @pytest.mark.parametrize(
-    "declared", [evaluate, render_hidden, render_path, time_frames, photos], ids=lambda declared: declared.name
+    "declared",
+    [add_grain, evaluate, find_grain, render_hidden, render_path, time_frames, photos],
+    ids=lambda declared: declared.name,
 )
 def test_others_stop_within_a_picture(declared: Stage, stop_at: int, tmp_path: Path) -> None:
     scene = small.scene(tmp_path / "scene")
     container = small.splats(tmp_path / "container", "container")
+    suspect = watermarks.stored_capture(tmp_path / "suspect", {"one.png": small.pictures(0)[0]})
     cases: dict[str, tuple[Parameters, dict[str, Artifact | tuple[Artifact, ...]]]] = {
+        "add_grain": (AddGrainParameters(method="plain"), {"container": container, "cover": scene}),
+        "find_grain": (FindGrainParameters(), {"before": container, "cover": scene, "pictures": suspect}),
         "evaluate": (EvaluateParameters(method="plain", lpips="none"), {"container": container, "cover": scene}),
         "render_hidden": (
             RenderHiddenParameters(name="statue", search_width=8),

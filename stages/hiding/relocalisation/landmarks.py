@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import cv2
@@ -46,10 +47,12 @@ class Landmarks:
     descriptors: Float32[np.ndarray, "K 128"]
 
 
-def landmarks(gaussians: Gaussians, method: Method, cameras: Cameras) -> Landmarks:
+def landmarks(
+    gaussians: Gaussians, method: Method, cameras: Cameras, after_each: Callable[[], None] = lambda: None
+) -> Landmarks:
     """SIFT landmarks of the cover, from renders by at most `MOST_VIEWS` of the cameras, as they are and turned.
 
-    Points are placed at the blended depth.
+    Points are placed at the blended depth. `after_each` is called after each render.
     """
     turned = _turned(cameras)
     points, descriptors = [np.zeros((0, 3))], [np.zeros((0, 128), np.float32)]
@@ -62,6 +65,7 @@ def landmarks(gaussians: Gaussians, method: Method, cameras: Cameras) -> Landmar
         seen = alpha > SMALLEST_OPACITY
         points.append(_lifted(places[seen], depth[seen], turned.intrinsics[row], turned.world_to_camera[row]))
         descriptors.append(looks[seen])
+        after_each()
     return Landmarks(np.concatenate(points), np.concatenate(descriptors))
 
 

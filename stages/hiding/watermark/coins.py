@@ -50,8 +50,10 @@ def thrown(count: int, generator: np.random.Generator) -> Coins:
 
 def with_decoys(count: int, generator: np.random.Generator) -> Float[Tensor, "N K"]:
     """The signs that `thrown` draws first, followed by `DECOYS` further draws, which are the same for every picture."""
-    throws = np.stack([thrown(count, generator) for _ in range(1 + DECOYS)], axis=1)
-    return torch.from_numpy(throws).float().contiguous()
+    throws = np.empty((count, 1 + DECOYS), np.float32)
+    for column in range(1 + DECOYS):
+        throws[:, column] = thrown(count, generator)
+    return torch.from_numpy(throws)
 
 
 def standard_score(

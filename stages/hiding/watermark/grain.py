@@ -14,6 +14,8 @@ for every chunk, which is no longer known.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import torch
 from jaxtyping import Float, Float64
@@ -63,6 +65,9 @@ ROUNDS = 8
 """Iterations that scale the change until renders differ as much as required; the difference is almost proportional to
 it."""
 
+REACHED = 0.95
+"""A grain that shows less than this share of the strength that was asked for is reported."""
+
 
 def measuring_cameras(scene: Scene) -> Cameras:
     """The cameras on whose pictures a grain's strength is measured. Raises `UserError` if all views are test views."""
@@ -76,30 +81,48 @@ def grained(
     level: float,
     coins: Coins,
     dither: np.random.Generator,
+    after_each: Callable[[], None] = lambda: None,
 ) -> Gaussians:
     """Add a grain of strength `level` to the Gaussians, with the signs in `coins`; `dither` draws the noise (`DITHER`).
 
     `level` is the root mean square difference of the covers' pixels and channels before and after, in levels of 255,
-    over the given cameras, of which there must be at least one. Geometry does not change. The change is along the one
-    direction of the constant harmonic, or of the coupled features, that shows in the grain's colour. With features, it
-    shows in that colour only: luminance, the other colour direction, and the messages that the method shows do not
-    change, as far as its decoders are linear. Raises `UserError` for Gaussians with neither attribute, and if no camera
-    sees any change.
+    over the given cameras, of which there must be at least one. Features near an end may have too little room for a
+    large one (`level_shown`). Geometry does not change. The change is along the one direction of the constant harmonic,
+    or of the coupled features, that shows in the grain's colour. With features, it shows in that colour only:
+    luminance, the other colour direction, and the messages that the method shows do not change, as far as its decoders
+    are linear. `after_each` is called after each picture. Raises `UserError` for Gaussians with neither attribute, and
+    if no camera sees any change.
     """
-    direction = _direction(gaussians, method, cameras)
+    direction = _direction(gaussians, method, cameras, after_each)
     signs = torch.from_numpy(coins).float().to(gaussians.device)[:, None]
     noise = torch.from_numpy(dither.uniform(-DITHER, DITHER, (len(coins), len(direction)))).to(gaussians.device)
-    before = _covers(gaussians, method, cameras)
+    before = _covers(gaussians, method, cameras, after_each)
     amount = 0.01
     for _ in range(ROUNDS):
         changed = _changed(gaussians, signs, amount * direction, noise)
-        difference = 255 * float((_covers(changed, method, cameras) - before).square().mean().sqrt())
+        difference = _difference(_covers(changed, method, cameras, after_each), before)
         if difference == 0:
             raise UserError(
                 "grain does not show in this container", found="renders that do not change with its Gaussians"
             )
         amount *= level / difference
     return _changed(gaussians, signs, amount * direction, noise)
+
+
+def level_shown(
+    before: Gaussians,
+    after: Gaussians,
+    method: Method,
+    cameras: Cameras,
+    asked: float,
+    log: Callable[[str], None],
+    after_each: Callable[[], None] = lambda: None,
+) -> float:
+    """The strength of a grain, measured as in `grained`; if it falls short of what was `asked`, a line in the log."""
+    shown = _difference(*(_covers(each, method, cameras, after_each) for each in (after, before)))
+    if shown < REACHED * asked:
+        log(f"the grain shows {shown:.2f} of 255 levels, not {asked:g}: features near 0 or 1 have no room for more")
+    return shown
 
 
 def follows(before: Gaussians, after: Gaussians, coins: Coins) -> bool:
@@ -138,10 +161,15 @@ def _changed(
     return Gaussians(gaussians.parameters | {SH_BASE: (gaussians[SH_BASE].detach().double() + change).float()})
 
 
-def _direction(gaussians: Gaussians, method: Method, cameras: Cameras) -> Float[Tensor, " M"]:
+def _direction(
+    gaussians: Gaussians, method: Method, cameras: Cameras, after_each: Callable[[], None]
+) -> Float[Tensor, " M"]:
     if FEATURES in gaussians.parameters:
-        shown = torch.stack([_derivatives(gaussians, method, camera) for camera in single_cameras(cameras)]).mean(0)
-        return torch.linalg.pinv(shown)[:, GRAIN]
+        shown = []
+        for camera in single_cameras(cameras):
+            shown.append(_derivatives(gaussians, method, camera))
+            after_each()
+        return torch.linalg.pinv(torch.stack(shown).mean(0))[:, GRAIN]
     if SH_BASE not in gaussians.parameters:
         raise UserError(
             "grain needs coupled features or a constant harmonic",
@@ -165,5 +193,16 @@ def _derivatives(gaussians: Gaussians, method: Method, camera: Camera) -> Float[
     return torch.stack([row[SPACING // 2 :: SPACING, SPACING // 2 :: SPACING].mean(dim=(0, 1)) for row in rows])
 
 
-def _covers(gaussians: Gaussians, method: Method, cameras: Cameras) -> Float[Tensor, "V H W 3"]:
-    return torch.stack([rendering.pictures[COVER] for rendering in photographs(gaussians, method, cameras)])
+def _covers(
+    gaussians: Gaussians, method: Method, cameras: Cameras, after_each: Callable[[], None]
+) -> Float[Tensor, "V H W 3"]:
+    pictures = []
+    for rendering in photographs(gaussians, method, cameras):
+        pictures.append(rendering.pictures[COVER])
+        after_each()
+    return torch.stack(pictures)
+
+
+def _difference(pictures: Float[Tensor, "V H W 3"], others: Float[Tensor, "V H W 3"]) -> float:
+    """The root mean square difference, in levels of 255."""
+    return 255 * float((pictures - others).square().mean().sqrt())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import torch
@@ -38,12 +38,20 @@ class GrainReader:
 
     `gaussians` and `method` are the container without grain; `throws` holds the Gaussians' coins, then the decoys;
     `cameras` is a rig of at least one camera that looks at it: some of them must see what a picture shows. Gaussians,
-    throws and the method's networks must be on the same device.
+    throws and the method's networks must be on the same device. The landmarks take up to 144 renders, after each of
+    which `after_each` is called.
     """
 
-    def __init__(self, gaussians: Gaussians, method: Method, cameras: Cameras, throws: Float[Tensor, "N K"]):
+    def __init__(
+        self,
+        gaussians: Gaussians,
+        method: Method,
+        cameras: Cameras,
+        throws: Float[Tensor, "N K"],
+        after_each: Callable[[], None] = lambda: None,
+    ):
         self.gaussians, self.method, self.throws = gaussians, method, throws
-        self.landmarks = landmarks(gaussians, method, cameras)
+        self.landmarks = landmarks(gaussians, method, cameras, after_each)
         self.intrinsics = np.median(cameras.intrinsics, axis=0)
         self.sides = sorted((cameras.width, cameras.height))
 
@@ -96,12 +104,17 @@ def is_colorless(picture: Picture) -> bool:
 
 
 def owners_reader(
-    before: Artifact, scene: Scene, key: Artifact | None, seed: int, device: torch.device | str = "cpu"
+    before: Artifact,
+    scene: Scene,
+    key: Artifact | None,
+    seed: int,
+    device: torch.device | str = "cpu",
+    after_each: Callable[[], None] = lambda: None,
 ) -> GrainReader:
     """A reader on a device, from the container `before` the grain and the key, or else the seed, given to `add_grain`.
 
     Raises `UserError` for a scene without training views.
     """
-    gaussians = read_gaussians(before, device)
+    gaussians, cameras = read_gaussians(before, device), scene.cameras.select(learnt_names(scene))
     throws = with_decoys(len(gaussians), key_generator(key, seed)).to(device)
-    return GrainReader(gaussians, read_method(before, device=device), scene.cameras.select(learnt_names(scene)), throws)
+    return GrainReader(gaussians, read_method(before, device=device), cameras, throws, after_each)

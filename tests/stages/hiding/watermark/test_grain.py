@@ -15,7 +15,7 @@ from stages.hiding.rendering import COVER
 from stages.hiding.storage import read_gaussians, read_method
 from stages.hiding.watermark.coins import Coins, thrown
 from stages.hiding.watermark.colors import ACROSS, COLORS, GRAIN, LUMINANCE
-from stages.hiding.watermark.grain import follows, grained
+from stages.hiding.watermark.grain import follows, grained, level_shown
 from stages.scene.gaussians import GEOMETRY, Gaussians
 from stages.scene.scene import read_scene
 from tests.stages import small
@@ -26,7 +26,7 @@ SETTINGS = {"feature_dim": 8, "layers": 2, "decoder_width": 8, "kernel_size": 3,
 
 def differences(before: Gaussians, after: Gaussians, folder: Path, method: object, name: str) -> torch.Tensor:
     """How the pictures of all cameras differ, in levels of 255."""
-    cameras = read_scene(small.scene(folder / f"scene {name}")).cameras
+    cameras = read_scene(small.scene(folder / f"scene {name} {len(list(folder.iterdir()))}")).cameras
     shown = [
         torch.stack([each.pictures[name] for each in photographs(gaussians, method, cameras)])  # type: ignore[arg-type]
         for gaussians in (before, after)
@@ -88,6 +88,26 @@ def test_coupled_features_keep_the_message(tmp_path: Path) -> None:
     assert not follows(before, after, coins(before, seed=1))
     clamped = Gaussians(after.parameters | {"raw_features": after["raw_features"].clamp(-9.21, 9.21)})
     assert follows(before, clamped, coins(before)), "as grains of earlier versions are"
+
+
+def test_a_grain_that_features_have_no_room_for_is_reported(tmp_path: Path) -> None:
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(0)
+        method = build_method("gs_hider", SETTINGS | {"messages": []})
+    plain = read_gaussians(small.splats(tmp_path / "splats"))
+    grey = {COVER: np.full((len(plain), 3), 0.5)}
+    attributes = method.initial_attributes(grey, np.random.default_rng(0))
+    before = Gaussians({name: plain[name] for name in GEOMETRY} | attributes)
+    full = Gaussians(before.parameters | {"raw_features": torch.full_like(before["raw_features"], 5.0)})
+    cameras = read_scene(small.scene(tmp_path / "scene")).cameras
+    for gaussians, reached in ((before, True), (full, False)):
+        log: list[str] = []
+        after = grained(gaussians, method, cameras, LEVEL, coins(gaussians), dither())
+        shown = level_shown(gaussians, after, method, cameras, LEVEL, log.append)
+        differing = differences(gaussians, after, tmp_path, method, COVER)
+        assert shown == pytest.approx(rms(differing), rel=1e-4)
+        assert (shown > 0.95 * LEVEL) == reached == (not log)
+    assert log == [f"the grain shows {shown:.2f} of 255 levels, not 2: features near 0 or 1 have no room for more"]
 
 
 def test_a_feature_near_its_end_changes_as_much_for_either_coin(tmp_path: Path) -> None:
