@@ -52,7 +52,8 @@ class RenderHiddenParameters(Parameters):
         ge=8,
         description="Picture width at which the candidates for alignment are scored: 24 from every view, or without "
         "the message's scene 96 to 192 from 12 views. On two CPU cores, each look at a million Gaussians takes 0.3 to "
-        "0.5 s, hardly less at a smaller width; so without its scene, each million takes 6 to 19 minutes.",
+        "0.5 s, hardly less at a smaller width; so each million takes 6 to 19 minutes without its scene, and with it "
+        "7 to 12 seconds for each view of the cover.",
     )
     up: Up = Field(
         "auto",

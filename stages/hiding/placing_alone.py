@@ -47,7 +47,8 @@ def place_alone(
     """The similarity from the splats' world to the cover's that shows the cover's cameras as much of them as possible.
 
     It moves the middle of what is visible to where the cover's cameras look, at several distances, tilts and turns.
-    These are scored as in `place`, on a sample of views; among equals, the farthest and then the least tilted wins.
+    These are scored as in `place`, on a sample of views; among equals, the usual up wins, then the farthest and then
+    the least tilted.
     """
     rig = rig_of(cover.cameras, cover.points)
     middle, radius = middle_and_radius(gaussians)
