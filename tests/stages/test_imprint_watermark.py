@@ -16,6 +16,7 @@ from stages.hide_image import hide_image
 from stages.hide_scenes import hide_scenes
 from stages.hiding.rendering import COVER
 from stages.hiding.storage import read_gaussians, read_method
+from stages.hiding.watermark.grain import ROUNDS, measuring_cameras
 from stages.hiding.watermark.rendering import renders
 from stages.hiding.watermark.storage import read_codec
 from stages.imaging.metric_table import read_rows
@@ -153,7 +154,10 @@ def test_it_goes_on_where_it_was_stopped(tmp_path: Path, inputs: Inputs) -> None
     place = tmp_path / "stopped"
     place.mkdir()
     (place / ".scratch").symlink_to(scratch)
+    assert isinstance(inputs["cover"], Artifact)
+    measured = len(measuring_cameras(read_scene(inputs["cover"])))
     looks = small.VIEWS - 1  # one for each training view, at the renders from before
+    looks += measured * (1 + ROUNDS + 2)  # before the grain, after each of its rounds, and for the level it shows
     with pytest.raises(Interrupted, match="stopped after step 5 of 12"):
         run_stage(imprint_watermark, wanted, inputs, place, services=Asking(looks + 5).services())
     place = tmp_path / "resumed"
