@@ -15,7 +15,7 @@ import pytest
 import yaml
 
 from pipeline.results.naming import find_artifact
-from stages.analysis.page.material import OURS
+from stages.analysis.method_titles import OURS
 from stages.imaging.pictures import encode_png, read_picture
 from tests.workflows.test_batch_pairs import photograph
 

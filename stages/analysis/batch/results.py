@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from pipeline.stage import Item, LineageRecord
-from stages.analysis.page.material import PLAIN
 from stages.analysis.page.placed import Placed
 from stages.analysis.page.tables import PICTURE_QUANTITIES, Column, mean_of
+from stages.hiding.method_names import PLAIN
 from stages.imaging.metric_table import MetricRow, mean_value, read_rows
 
 COVER, MESSAGE, REFERENCE, SCENE = "cover", "message", "reference", "scene"

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from pipeline.artifact import Artifact
 from pipeline.stage import Item, LineageRecord
 from stages.analysis.comparisons import Comparison, read_comparisons
+from stages.analysis.method_titles import METHOD_TITLES
 from stages.analysis.page.found import Found, read_found
 from stages.analysis.page.placed import Placed, public_scenes, read_placed
 from stages.analysis.videos import Video, read_videos
@@ -27,16 +28,6 @@ PUBLIC_ROLES = frozenset({"cover"})
 PUBLIC_FACTS = frozenset({"device"})
 TELLING = ("cover", "message", "hid", "secret")
 ACCEPTED, PUBLICLY_ACCEPTED = "accepted", "kept after a change of code"
-
-SECOND_HARMONICS, DECODER, GS_HIDER = "sh", "decoder", "gs_hider"
-OURS = "homogeneous"
-METHOD_TITLES = {  # the paper's, in its order, and ours
-    PLAIN: "3DGS",
-    SECOND_HARMONICS: "3DGS+SH",
-    DECODER: "3DGS+Decoder",
-    GS_HIDER: "GS-Hider",
-    OURS: "Homogeneous GS-Hider",
-}
 
 Inputs = Mapping[str, Sequence[Artifact]]
 """Artifacts by input name: `scores`, `curves`, `timings`, `pictures`, `videos`, `public_scores`, `public_pictures`,

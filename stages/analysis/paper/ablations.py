@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 
+from stages.analysis.method_titles import GS_HIDER, METHOD_TITLES
 from stages.analysis.page.figures import label
-from stages.analysis.page.material import GS_HIDER, METHOD_TITLES
 from stages.analysis.paper.chapter import LPIPS, PICTURES, VIEWS, Chapter, noise_note, noises
 from stages.analysis.paper.fidelity import hides_one_scene
 from stages.analysis.paper.grid import (

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from stages.analysis.attacks.catalogue import AttackName
-from stages.analysis.page.material import GS_HIDER, OURS
+from stages.analysis.method_titles import GS_HIDER, OURS
 from stages.analysis.paper.attack_curves import Reading, curves, mean_over_seeds, measured, message_left, most_to_lose
 from stages.analysis.paper.chapter import title_of
 from stages.analysis.paper.measuring import Measured

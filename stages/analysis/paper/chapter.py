@@ -6,9 +6,9 @@ import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from stages.analysis.method_titles import METHOD_TITLES
 from stages.analysis.page.chart import Chart
 from stages.analysis.page.figures import write_figure
-from stages.analysis.page.material import METHOD_TITLES
 from stages.analysis.page.summary import Tile
 from stages.analysis.paper.grid import Grid
 from stages.analysis.paper.measuring import Figure, Measured, Noise, cover, measure, message, noise

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
+from stages.analysis.method_titles import GS_HIDER, OURS
 from stages.analysis.page.figures import MISSING, label
-from stages.analysis.page.material import GS_HIDER, OURS, PLAIN
 from stages.analysis.page.summary import Tile
 from stages.analysis.page.tables import PICTURE_QUANTITIES
 from stages.analysis.paper.chapter import (
@@ -51,6 +51,7 @@ from stages.analysis.paper.message_tables import CAPTION, Shown, messages_grid
 from stages.analysis.paper.published import Published, Subject, average, row_of
 from stages.analysis.paper.runs import Run, Study, capture_title
 from stages.analysis.probes import probed
+from stages.hiding.method_names import PLAIN
 
 
 def fidelity(study: Study, tables: Published) -> Chapter:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from stages.analysis.page.material import DECODER, GS_HIDER, OURS, PLAIN, SECOND_HARMONICS
+from stages.analysis.method_titles import DECODER, GS_HIDER, OURS, SECOND_HARMONICS
 from stages.analysis.paper.chapter import noises, of_method, title_of
 from stages.analysis.paper.measuring import Figure, cover, message, size
 from stages.analysis.paper.published import Published, Subject, average, row_of
 from stages.analysis.paper.relations import Relation
 from stages.analysis.paper.runs import Run, Study
+from stages.hiding.method_names import PLAIN
 
 MOST_LOST_ON_THE_COVER = 1.4
 LARGEST_SHARE_OF_BYTES = 0.6

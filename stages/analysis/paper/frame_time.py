@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from stages.analysis.page.material import GS_HIDER, OURS, PLAIN
+from stages.analysis.method_titles import GS_HIDER, OURS
 from stages.analysis.paper.chapter import Chapter, blocks, of_method, title_of, usual
 from stages.analysis.paper.grid import (
     HERE,
@@ -21,6 +21,7 @@ from stages.analysis.paper.measuring import cover, measure
 from stages.analysis.paper.published import Published
 from stages.analysis.paper.relations import Relation
 from stages.analysis.paper.runs import Run, Study
+from stages.hiding.method_names import PLAIN
 
 PARTS = {"seconds_per_frame": "Frame", "seconds_per_feature_map": "Feature map"}
 SLOWEST = 1.2

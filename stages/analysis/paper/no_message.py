@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
+from stages.analysis.method_titles import GS_HIDER
 from stages.analysis.page.figures import label
-from stages.analysis.page.material import GS_HIDER, PLAIN
 from stages.analysis.page.tables import PICTURE_QUANTITIES
 from stages.analysis.paper.chapter import (
     LPIPS,
@@ -32,6 +32,7 @@ from stages.analysis.paper.published import Published, average, published_name
 from stages.analysis.paper.relations import Relation
 from stages.analysis.paper.runs import Run, Study
 from stages.analysis.paper.settings import usual_settings
+from stages.hiding.method_names import PLAIN
 
 MOST_LOST_WITHOUT_A_MESSAGE = 0.7
 

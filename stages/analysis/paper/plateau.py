@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
-from stages.analysis.page.material import GS_HIDER, OURS, PLAIN
+from stages.analysis.method_titles import GS_HIDER, OURS
 from stages.analysis.paper.ablations import varied
 from stages.analysis.paper.chapter import PICTURES, Chapter, noise_note, noises, title_of
 from stages.analysis.paper.fidelity import hides_one_scene
@@ -15,6 +15,7 @@ from stages.analysis.paper.measuring import Figure, cover, measure, message
 from stages.analysis.paper.published import Published, Subject
 from stages.analysis.paper.relations import Relation
 from stages.analysis.paper.runs import Run, Study
+from stages.hiding.method_names import PLAIN
 
 FIGURES: dict[Subject, Figure] = {"cover": cover("psnr"), "message": message("psnr")}
 MOST_GAINED = {PLAIN: 0.3, GS_HIDER: 0.1, OURS: 0.1}

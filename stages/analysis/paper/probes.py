@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from stages.analysis.page.material import METHOD_TITLES
+from stages.analysis.method_titles import METHOD_TITLES
 from stages.analysis.paper.chapter import Chapter
 from stages.analysis.paper.grid import HERE, Grid, Line, headings, measured_cells, without_empty_columns
 from stages.analysis.paper.measuring import Measured, measure, message

@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 
 from stages.analysis.attacks.catalogue import UNATTACKED, AttackName
+from stages.analysis.method_titles import GS_HIDER, OURS
 from stages.analysis.page.figures import label
-from stages.analysis.page.material import GS_HIDER, OURS
 from stages.analysis.paper.attack_curves import at_severity
 from stages.analysis.paper.chapter import title_of
 from stages.analysis.paper.grid import HERE, PAPER, Cell, Grid, Line, figure_cell, published_cell, some_of

@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from stages.analysis.page.figures import label
-from stages.analysis.page.material import PLAIN, is_public, neutral_titles
+from stages.analysis.page.material import is_public, neutral_titles
 from stages.analysis.page.tables import PICTURE_QUANTITIES
 from stages.analysis.paper.chapter import Chapter
 from stages.analysis.paper.grid import Grid, Line, headings, measured_cells, without_empty_columns
 from stages.analysis.paper.measuring import Measured, cover, measure
 from stages.analysis.paper.runs import Run, Study, capture_title
 from stages.analysis.paper.sources import HOW_TO_LOOK, sources_grid
+from stages.hiding.method_names import PLAIN
 
 
 def public_study(study: Study, names_captures: bool) -> Study:

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict
 from ruamel.yaml import YAML
 
-from stages.analysis.page.material import GS_HIDER
+from stages.analysis.method_titles import GS_HIDER
 
 RESOURCES = ("published.yaml",)
 FILE = Path(__file__).parent / "published.yaml"

@@ -7,9 +7,9 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import product
 
 from stages.analysis.attacks.catalogue import ATTACKS, UNATTACKED, AttackName, restored
+from stages.analysis.method_titles import DECODER, GS_HIDER, OURS, SECOND_HARMONICS
 from stages.analysis.page.chart import Chart, Series, line_chart
 from stages.analysis.page.figures import MISSING
-from stages.analysis.page.material import DECODER, GS_HIDER, OURS, PLAIN, SECOND_HARMONICS
 from stages.analysis.page.summary import Tile
 from stages.analysis.paper.attack_curves import POINTS, Reading, average_curve, measured, severities
 from stages.analysis.paper.attacked import Attacked
@@ -21,6 +21,7 @@ from stages.analysis.paper.published import Published
 from stages.analysis.paper.purification import floor_notes, purification
 from stages.analysis.paper.relations import Relation
 from stages.analysis.paper.runs import Experiment, Study, by_method, capture_title
+from stages.hiding.method_names import PLAIN
 
 WRITTEN = 0.005
 """In dB: smaller differences are not visible in the tables."""

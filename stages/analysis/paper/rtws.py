@@ -7,8 +7,8 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
 from stages.analysis.codec_quality import FOUND, MARKED
 from stages.analysis.measurements import Measurement
+from stages.analysis.method_titles import GS_HIDER
 from stages.analysis.page.figures import MISSING
-from stages.analysis.page.material import GS_HIDER
 from stages.analysis.paper.chapter import Chapter, title_of
 from stages.analysis.paper.grid import HERE, PAPER, Cell, Grid, Line, figure_cell, published_cell, some_of
 from stages.analysis.paper.measuring import Measured, Spread, measure

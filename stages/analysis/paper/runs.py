@@ -10,7 +10,7 @@ from pathlib import Path
 from pipeline.errors import UserError
 from pipeline.stage import Item
 from stages.analysis.measurements import Measurement, read_measurements
-from stages.analysis.page.material import METHOD_TITLES, PLAIN
+from stages.analysis.method_titles import METHOD_TITLES
 from stages.analysis.paper.settings import (
     SETTINGS,
     Settings,
@@ -21,6 +21,7 @@ from stages.analysis.paper.settings import (
     usual_settings,
 )
 from stages.analysis.paper.telling import Told, others, telling, told
+from stages.hiding.method_names import PLAIN
 from stages.imaging.metric_table import MetricRow, read_rows
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from stages.analysis.measurements import Measurement
-from stages.analysis.page.material import METHOD_TITLES
+from stages.analysis.method_titles import DECODER, METHOD_TITLES, SECOND_HARMONICS
 from stages.analysis.paper.measuring import NO_NOISE, Measured, Noise, Spread, spread_of
 from stages.analysis.paper.runs import Experiment, Study, capture_title
 from stages.analysis.paper.settings import Settings, settings_title
@@ -16,8 +16,8 @@ from stages.imaging.metric_table import mean_of_known
 
 M = "feature_dim"
 
-HARMONICS = ("sh", "decoder")
-"""Methods without features, and so without M."""
+WITHOUT_FEATURES = (SECOND_HARMONICS, DECODER)
+"""These have no M."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def kinds(study: Study) -> Found:
     for experiment in study.experiments:
         if any(row.condition == OWNER for row in experiment.rows):
             stated = experiment.values.get(M)
-            has_features = experiment.method not in HARMONICS and isinstance(stated, int | float)
+            has_features = experiment.method not in WITHOUT_FEATURES and isinstance(stated, int | float)
             others = tuple((name, value) for name, value in experiment.settings if name != M)
             kind = Kind(experiment.method, float(str(stated)) if has_features else None, others)
             found.setdefault(kind, []).append(experiment)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from pipeline.stage import Item
-from stages.analysis.page.material import DECODER, GS_HIDER, METHOD_TITLES, OURS, PLAIN, SECOND_HARMONICS
+from stages.analysis.method_titles import DECODER, GS_HIDER, METHOD_TITLES, OURS, SECOND_HARMONICS
 from stages.analysis.probes import probed
+from stages.hiding.method_names import PLAIN
 from stages.hiding.methods import decoder, gs_hider, homogeneous, sh
 from stages.hiding.methods.homogeneous import PRESETS, SCENE_PRESETS
 from stages.imaging.metric_table import MetricRow

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from stages.analysis.page.figures import label
-from stages.analysis.page.material import PLAIN
 from stages.analysis.page.tables import PICTURE_QUANTITIES
 from stages.analysis.paper.chapter import (
     LPIPS,
@@ -32,6 +31,7 @@ from stages.analysis.paper.measuring import cover, measure, message, size
 from stages.analysis.paper.message_tables import CAPTION, Shown, messages_grid
 from stages.analysis.paper.published import Published
 from stages.analysis.paper.runs import Run, Study, by_kind
+from stages.hiding.method_names import PLAIN
 
 
 def several_messages(study: Study, tables: Published) -> Chapter:

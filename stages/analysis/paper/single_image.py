@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from stages.analysis.method_titles import DECODER, GS_HIDER
 from stages.analysis.page.figures import label
-from stages.analysis.page.material import DECODER, GS_HIDER, PLAIN
 from stages.analysis.page.tables import PICTURE_QUANTITIES, Column, mean_of
 from stages.analysis.paper.chapter import (
     LPIPS,
@@ -31,6 +31,7 @@ from stages.analysis.paper.measuring import Figure, Measured, cover, measure, no
 from stages.analysis.paper.published import Published, average
 from stages.analysis.paper.relations import Relation
 from stages.analysis.paper.runs import Run, Study
+from stages.hiding.method_names import PLAIN
 from stages.imaging.metric_table import MetricRow, mean_value
 
 COVER, TRAINING, MESSAGE = "Cover", "Cover, training views", "Image"
