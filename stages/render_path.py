@@ -17,7 +17,7 @@ from stages.hiding.opening import read_container
 from stages.hiding.rendering import Rendering
 from stages.hiding.storage import check_method
 from stages.imaging.pictures import Picture, tensor_to_picture
-from stages.imaging.video import enlarged
+from stages.imaging.video import doubled
 from stages.scene.camera_path import Course, camera_path
 from stages.scene.cameras import Cameras
 from stages.scene.gaussians import Gaussians
@@ -69,7 +69,7 @@ def render_path(context: Context, parameters: RenderPathParameters) -> None:
     shown = () if secret is not None and IMAGE_VIEW in secret.attributes else None
     for number, rendering in enumerate(read.photographs(path, shown), start=1):
         for title, picture in panels_of(read.gaussians, rendering).items():
-            filmed.setdefault(title, []).append(enlarged(picture))
+            filmed.setdefault(title, []).append(doubled(picture))
         context.progress_or_stop(number, parameters.frames)
     rate = parameters.frames / parameters.seconds
     videos = encoded(filmed, parameters.method, rate, context.stop_if_requested)

@@ -24,7 +24,7 @@ from stages.hiding.opening import read_container
 from stages.hiding.rendering import COVER
 from stages.hiding.storage import check_method
 from stages.imaging.pictures import Picture, tensor_to_picture
-from stages.imaging.video import enlarged
+from stages.imaging.video import doubled
 from stages.scene.alignment import sample
 from stages.scene.cameras import Cameras
 from stages.scene.stored_cameras import read_cameras
@@ -155,7 +155,7 @@ def _write(
 ) -> None:
     """Write everything for whoever runs it, and for the public the cover alone, unless the container is private."""
     rate = len(filmed[COVER]) / parameters.seconds
-    large = {title: [enlarged(picture) for picture in pictures] for title, pictures in filmed.items()}
+    large = {title: [doubled(picture) for picture in pictures] for title, pictures in filmed.items()}
     videos = encoded(large, parameters.method, rate, context.stop_if_requested)
     write_videos(context.output("videos"), videos)
     public = () if context.input("container").private else ("cover",)

@@ -50,7 +50,7 @@ def encode_video(pictures: Sequence[Picture], pictures_a_second: float) -> bytes
     return write_webm(configuration, coded, (width, height), pictures_a_second)
 
 
-def enlarged(picture: Picture) -> Picture:
+def doubled(picture: Picture) -> Picture:
     """The picture, each pixel repeated 2 x 2 if its longer side is below `SMALL`; exact once a viewer shrinks it."""
     factor = 2 if max(picture.shape) < SMALL else 1
     return picture.repeat(factor, axis=0).repeat(factor, axis=1)

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from stages.hiding.message_names import LOSS
 from stages.imaging.metric_table import MetricRow
 from stages.training.objectives import PictureTerm
 from stages.training.stretches import decibels_of, stretch_of
-
-LOSS = "loss"
 
 
 @dataclass(frozen=True)
@@ -54,7 +53,7 @@ class Curves:
 
     def _rows(self, point: Point) -> list[MetricRow]:
         return [
-            MetricRow("loss", point.loss, split="train", iteration=point.iteration, method=self.method),
+            MetricRow(LOSS, point.loss, split="train", iteration=point.iteration, method=self.method),
             MetricRow("gaussians", point.gaussians, iteration=point.iteration, method=self.method),
             *(
                 MetricRow(

@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
+from stages.hiding.message_names import LOSS
 from stages.hiding.method import Method
 from stages.hiding.rendering import ACTIVATIONS, Rendering
 from stages.imaging.metric_table import MetricRow
@@ -28,7 +29,7 @@ from stages.training.sampling import ViewSampler
 from stages.training.schedules import decayed, density_schedule
 
 DENSITY_CONTROL = "density control"
-LOSS = "loss"
+LOSS_PART = "loss"
 
 
 @dataclass(frozen=True)
@@ -152,15 +153,15 @@ class Training:
             rendering = self.method.render(self.gaussians, camera, shown_at, [term.picture for term in self.terms])
         compared = [Compared(term, rendering.pictures[term.picture], truths[term.picture]) for term in self.terms]
         compared += [self._seen(view, shown_at) for view in self.fixed]
-        with part(LOSS):
+        with part(LOSS_PART):
             loss = total_loss(compared)
             for penalty in self._penalties():
                 loss = loss + penalty / len(self.views.cameras)
-        with part(LOSS, "backward"), in_one_thread():
+        with part(LOSS_PART, "backward"), in_one_thread():
             loss.backward()
         with part("figures"), torch.no_grad():
-            figures = {"loss": float(loss)} | {each.term.picture: each.squared_error() for each in compared}
-        refuse_divergence(figures["loss"], iteration)
+            figures = {LOSS: float(loss)} | {each.term.picture: each.squared_error() for each in compared}
+        refuse_divergence(figures[LOSS], iteration)
         self._update(iteration, rendering, camera)
         return figures
 

@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from pipeline.checkpoint import State
+from stages.hiding.message_names import LOSS
 from stages.training.curves import Curves, Point
 from stages.training.density_control import DensityControl
 from stages.training.loop import Training
@@ -103,7 +104,7 @@ def _curve_arrays(curves: Curves) -> Arrays:
     """Points as rows of iteration and Gaussians, and of loss and decibels; and the figures since the last point."""
     columns = 1 + len(curves.pictures)
     figures = [[point.loss, *(point.decibels[name] for name in curves.pictures)] for point in curves.points]
-    stretch = [[step["loss"], *(step[name] for name in curves.pictures)] for step in curves.stretch]
+    stretch = [[step[LOSS], *(step[name] for name in curves.pictures)] for step in curves.stretch]
     return {
         "curves/counts": np.array([[point.iteration, point.gaussians] for point in curves.points], int).reshape(-1, 2),
         "curves/figures": np.array(figures, float).reshape(-1, columns),
@@ -117,5 +118,5 @@ def _set_curves(curves: Curves, arrays: Mapping[str, np.ndarray]) -> None:
         Point(iteration, gaussians, loss, dict(zip(curves.pictures, decibels, strict=True)))
         for (iteration, gaussians), (loss, *decibels) in zip(counts, figures, strict=True)
     ]
-    names = ("loss", *curves.pictures)
+    names = (LOSS, *curves.pictures)
     curves.stretch = [dict(zip(names, step, strict=True)) for step in arrays["curves/stretch"].tolist()]

@@ -18,7 +18,7 @@ from stages.hiding.relocalisation.landmarks import landmarks
 from stages.hiding.relocalisation.recognition import recognised
 from stages.hiding.storage import read_gaussians, read_method
 from stages.hiding.watermark.coins import standard_score, with_decoys
-from stages.imaging.frames import without_frame
+from stages.imaging.borders import without_borders
 from stages.imaging.pictures import Picture, resize_picture
 from stages.scene.cameras import Cameras, single_cameras
 from stages.scene.gaussians import Gaussians
@@ -83,7 +83,7 @@ class GrainReader:
 
     def _sizes(self, picture: Picture) -> Iterator[Picture]:
         """Yield the picture at each size to be tested; nothing if all of it is a frame."""
-        inner = picture if sorted(picture.shape[:2]) == self.sides else without_frame(picture)
+        inner = picture if sorted(picture.shape[:2]) == self.sides else without_borders(picture)
         if inner.size == 0:
             return
         height, width = inner.shape[:2]

@@ -14,7 +14,7 @@ from pipeline.errors import UserError
 from stages.imaging.iso_media import coded_pictures
 from stages.imaging.pictures import Picture, picture_to_tensor
 from stages.imaging.psnr import psnr
-from stages.imaging.video import encode_animation, encode_video, enlarged
+from stages.imaging.video import doubled, encode_animation, encode_video
 from stages.imaging.webm import write_webm
 
 WIDTH, HEIGHT = 96, 64
@@ -41,7 +41,7 @@ def packets(webm: bytes, folder: Path) -> tuple[cv2.VideoCapture, list[bytes]]:
 
 
 def test_decoded_pictures_are_faithful() -> None:
-    pictures = [enlarged(picture) for picture in moving(8)]
+    pictures = [doubled(picture) for picture in moving(8)]
     with Image.open(io.BytesIO(encode_animation(pictures))) as animation:
         for number, picture in enumerate(pictures):
             animation.seek(number)
@@ -80,11 +80,11 @@ def test_the_same_pictures_give_the_same_bytes(monkeypatch: pytest.MonkeyPatch) 
 
 def test_small_pictures_are_doubled_exactly() -> None:
     picture = moving(1)[0]
-    double = enlarged(picture)
+    double = doubled(picture)
     np.testing.assert_array_equal(double[::2, ::2], picture)
     np.testing.assert_array_equal(double[1::2, 1::2], picture)
     large = np.zeros((4, 1600, 3), np.uint8)
-    assert enlarged(large).shape == large.shape
+    assert doubled(large).shape == large.shape
 
 
 @pytest.mark.parametrize(

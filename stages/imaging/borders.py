@@ -15,7 +15,7 @@ PASSES = 4
 a hostile picture may be nothing but borders."""
 
 
-def without_frame(picture: Picture) -> Picture:
+def without_borders(picture: Picture) -> Picture:
     """The picture without the rows and columns at its edges that are of one colour each; a view, not a copy.
 
     Nested borders of any colours are removed in up to `PASSES` passes. A side of the result is 0 if nothing is left.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.imaging.frames import PASSES, without_frame
+from stages.imaging.borders import PASSES, without_borders
 from stages.imaging.pictures import Picture, through_jpeg
 
 INNER = np.random.default_rng(0).integers(0, 256, (40, 56, 3)).astype(np.uint8)
@@ -31,18 +31,18 @@ def framed(picture: Picture, above: int, left: int, color: tuple[int, int, int])
     ],
 )
 def test_frames_are_taken_off(picture: Picture) -> None:
-    assert np.array_equal(without_frame(picture), INNER)
+    assert np.array_equal(without_borders(picture), INNER)
 
 
 def test_a_frame_after_jpeg_goes_but_for_the_blocks_at_its_edge() -> None:
-    inner = without_frame(through_jpeg(framed(INNER, 32, 48, BLACK), 75))
+    inner = without_borders(through_jpeg(framed(INNER, 32, 48, BLACK), 75))
     assert all(side <= kept <= side + 32 for side, kept in zip(INNER.shape[:2], inner.shape[:2], strict=True))
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (9, 1), (24, 32)])
 def test_of_one_colour_nothing_is_left(size: tuple[int, int]) -> None:
-    assert without_frame(np.full((*size, 3), BLUE, np.uint8)).size == 0
-    assert without_frame(np.zeros((0, 4, 3), np.uint8)).size == 0
+    assert without_borders(np.full((*size, 3), BLUE, np.uint8)).size == 0
+    assert without_borders(np.zeros((0, 4, 3), np.uint8)).size == 0
 
 
 def test_frames_without_end_are_taken_off_in_part() -> None:
@@ -50,4 +50,4 @@ def test_frames_without_end_are_taken_off_in_part() -> None:
     picture = INNER
     for count in range(4 * PASSES):
         picture = framed(picture, 2, 2, WHITE if count % 2 else BLACK)
-    assert INNER.shape < without_frame(picture).shape < picture.shape
+    assert INNER.shape < without_borders(picture).shape < picture.shape
