@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import numpy as np
 from pydantic import Field
 
-from pipeline.artifact import Artifact
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.attribute_histograms import compare_attributes as compared
 from stages.analysis.attribute_histograms import histogram_rows
 from stages.analysis.measurements import write_measurements
 from stages.analysis.picture_classes import CLEAN, CLEAN_AGAIN, HIDDEN
 from stages.hiding.method_names import MethodName
+from stages.hiding.stored_arrays import attributes_of
 
 
 class CompareAttributesParameters(Parameters):
@@ -35,16 +34,11 @@ def compare_attributes(context: Context, parameters: CompareAttributesParameters
     `clean_again`, trained like `clean` but with another seed, is the control: its rows say how far two clean trainings
     differ. The histograms are among the rows as well.
     """
-    clean = gaussians_of(context.input("clean"))
-    others = {HIDDEN: gaussians_of(context.input("hidden"))}
+    clean = attributes_of(context.input("clean"))
+    others = {HIDDEN: attributes_of(context.input("hidden"))}
     again = context.input_optional("clean_again")
     if again is not None:
-        others[CLEAN_AGAIN] = gaussians_of(again)
+        others[CLEAN_AGAIN] = attributes_of(again)
     rows = [row for name, own in others.items() for row in compared(own, clean, name, parameters.method)]
     rows += histogram_rows({HIDDEN: others[HIDDEN], CLEAN: clean} | others, parameters.method)
     write_measurements(context.output("measurements"), rows)
-
-
-def gaussians_of(artifact: Artifact) -> dict[str, np.ndarray]:
-    """The attributes of all Gaussians by name, without the networks' weights."""
-    return {name: artifact.read(name) for name in artifact.names if "/" not in name}

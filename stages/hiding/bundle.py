@@ -32,6 +32,7 @@ from pipeline.artifact import Artifact, ArtifactWriter
 from pipeline.errors import UserError
 from stages.hiding.columns import activations, columns_of
 from stages.hiding.networks import PUBLIC_NETWORKS, SECRET_NETWORKS
+from stages.hiding.stored_arrays import attributes_of, weights_of
 from stages.hiding.weights import SUFFIX, Weights, weights_file
 from stages.scene.attributes import mapping, string, strings
 from stages.scene.gaussians import GEOMETRY
@@ -81,9 +82,8 @@ class SecretBundle:
 
 def container_bundle(container: Artifact) -> ContainerBundle:
     """The bundle of a `container` or `splats` artifact."""
-    attributes = {name: container.read(name) for name in container.names if "/" not in name}
-    networks = _networks(container, PUBLIC_NETWORKS)
-    return ContainerBundle(string(container, "method"), mapping(container, "settings"), attributes, networks)
+    method, settings = string(container, "method"), mapping(container, "settings")
+    return ContainerBundle(method, settings, attributes_of(container), _networks(container, PUBLIC_NETWORKS))
 
 
 def secret_bundle(secret: Artifact, container: ContainerBundle) -> SecretBundle:
@@ -110,12 +110,7 @@ def container_hash(container: ContainerBundle) -> str:
 
 def _networks(artifact: Artifact, names: Sequence[str]) -> Mapping[str, Weights]:
     """The weights of those of the named networks that the artifact holds."""
-    networks: dict[str, dict[str, np.ndarray]] = {}
-    for array in artifact.names:
-        network, _, weight = array.partition("/")
-        if network in names:
-            networks.setdefault(network, {})[weight] = artifact.read(array)
-    return networks
+    return {name: weights for name, weights in weights_of(artifact).items() if name in names}
 
 
 def write_container_bundle(writer: ArtifactWriter, bundle: ContainerBundle) -> None:

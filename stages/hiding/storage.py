@@ -12,6 +12,7 @@ from pipeline.errors import UserError
 from stages.hiding.image_view import IMAGE_VIEW
 from stages.hiding.method import Method, build_method, move_networks, refuse_another_method
 from stages.hiding.networks import PUBLIC_NETWORKS, SECRET_NETWORKS
+from stages.hiding.stored_arrays import attributes_of, weights_of
 from stages.scene.attributes import mapping, string, strings
 from stages.scene.gaussians import Gaussians
 from stages.scene.world_scale import refuse_other_world
@@ -43,8 +44,7 @@ def write_secret(
 
 def read_gaussians(artifact: Artifact, device: torch.device | str = "cpu") -> Gaussians:
     """Read the Gaussians of `splats` or of a `container` onto a device."""
-    read = {name: torch.from_numpy(artifact.read(name)) for name in artifact.names if "/" not in name}
-    return Gaussians(read).to(device)
+    return Gaussians({name: torch.from_numpy(values) for name, values in attributes_of(artifact).items()}).to(device)
 
 
 def read_method(container: Artifact, secret: Artifact | None = None, device: torch.device | str = "cpu") -> Method:
@@ -94,11 +94,10 @@ def _write_networks(writer: ArtifactWriter, method: Method, names: Sequence[str]
 
 
 def _read_networks(artifact: Artifact, method: Method, names: Sequence[str]) -> None:
-    weights: dict[str, dict[str, torch.Tensor]] = {}
-    for array in artifact.names:
-        network, _, weight = array.partition("/")
-        if weight:
-            weights.setdefault(network, {})[weight] = torch.from_numpy(artifact.read(array))
+    weights = {
+        network: {name: torch.from_numpy(values) for name, values in own.items()}
+        for network, own in weights_of(artifact).items()
+    }
     for name in (*weights, *(name for name in names if name in method.networks and name not in weights)):
         _load(method.networks, name, weights.get(name, {}), artifact)
 
