@@ -79,6 +79,17 @@ def test_a_row_for_each_item_in_order(made: dict[str, Artifact]) -> None:
     assert re.findall(r"<td[^>]*>([^<]*)</td>", means) == ["22.00", "0.100", "18.25", "26.00", "1,234", "6.5 s"]
 
 
+def test_only_the_owner_is_told_what_the_results_of_a_row_are_called(made: dict[str, Artifact]) -> None:
+    """Paths do not say it: one that is long or has blanks is called by its last part and a hash."""
+    with made["owner"].file("figures.csv").open() as file:
+        assert [row["Item"] for row in csv.DictReader(file)] == ["scores[0]", "scores[1]", "scores[2]"]
+    page = made["owner"].file("report.html").read_text()
+    assert re.findall(r'<tr><th scope="row">([^<]*)</th>', page) == ["scores[0]", "scores[1]", "scores[2]"]
+    public = made["public"].file("report.html").read_text()
+    assert "scores[" not in public
+    assert "Item" not in public
+
+
 def test_rows_say_how_many_photos_of_their_scenes_were_placed(tmp_path: Path) -> None:
     scores = [metrics(tmp_path / f"s{n}", rows(20.0 + n), private=True) for n in (0, 2)]
     scenes = []

@@ -13,6 +13,7 @@ from pathlib import Path
 from pipeline.plain_text import listed
 from stages.analysis.batch.results import (
     COVER,
+    ITEM,
     MESSAGE,
     OWNER_FIGURES,
     PUBLIC_FIGURES,
@@ -83,17 +84,20 @@ def owner_page(results: Sequence[Result], workflow: str) -> BatchPage:
         *_tile("Message, test views", made, OWNER_FIGURES, Figure(MESSAGE, OWNER_FIGURES[0].column)),
         *_tile("3DGS of the cover alone", made, OWNER_FIGURES, Figure(REFERENCE, OWNER_FIGURES[0].column)),
     )
-    names = tuple(dict.fromkeys(name for result in results for name in result.values))
-    note = "Time: all stages behind a row together; stages shared by several rows count in each."
+    names = tuple(dict.fromkeys((ITEM, *(name for result in results for name in result.values))))
+    note = (
+        "Item: what `show` calls the scores of a row; its other results have the same brackets. Time: all stages "
+        "behind a row together; stages shared by several rows count in each."
+    )
     page = _page(workflow, f"{told}.", tiles, names, results, OWNER_FIGURES, OWNER_SUBJECTS, note)
-    rows = [" · ".join(filter(None, result.values.values())) for result in made if result.hardly_seen]
+    rows = [" · ".join(filter(None, result.values.values())) or result.item for result in made if result.hardly_seen]
     return replace(page, notices=(f"{listed(rows)}: {HARDLY_SEEN}",) if rows else ())
 
 
 def public_page(results: Sequence[Result], columns: Sequence[str]) -> BatchPage:
     """The successful scenes, in words that fit any splatted scenes; their names come from the public `columns`."""
     made = [
-        Result({"Scene": _scene_name(result, columns, number)}, result.figures, math.nan)
+        Result("", {"Scene": _scene_name(result, columns, number)}, result.figures, math.nan)
         for number, result in enumerate((result for result in results if result.made), start=1)
     ]
     summary = "Scenes of 3D Gaussians, compared with held-out photos."
@@ -117,7 +121,7 @@ def write_table(results: Sequence[Result], wanted: Sequence[Figure], names: Sequ
     writer.writerow([*names, *(f"{figure.subject}_{figure.column.quantity}" for figure in wanted), "seconds", "failed"])
     for result in results:
         figures = ["" if math.isnan(value) else f"{value:.6g}" for value in (*result.figures, result.seconds)]
-        writer.writerow([*(result.values.get(name, "") for name in names), *figures, result.cause or ""])
+        writer.writerow([*result.names(names), *figures, result.cause or ""])
     return text.getvalue()
 
 
@@ -171,7 +175,7 @@ def _line(
 ) -> Line:
     cells = [write_figure(wanted[index].column.quantity, result.figures[index]) for index in shown]
     return Line(
-        tuple(result.values.get(name, "") for name in names),
+        result.names(names),
         (*cells, *([_placed(result.placed)] if placed else []), *([_time(result.seconds)] if timed else [])),
         result.cause or "",
     )

@@ -13,6 +13,8 @@ from stages.hiding.method_names import PLAIN
 from stages.imaging.metric_table import MetricRow, mean_value, read_rows
 
 COVER, MESSAGE, REFERENCE, SCENE = "cover", "message", "reference", "scene"
+ITEM = "Item"
+"""Heading of what the scores of a row are called, such as `scores[fox,kitchen]`; its other results end alike."""
 PICTURE_COLUMNS = tuple(Column(quantity, "test") for quantity in PICTURE_QUANTITIES)
 
 
@@ -44,11 +46,12 @@ PUBLIC_FIGURES = tuple(figure for figure in OWNER_FIGURES if figure.subject != M
 class Result:
     """The result of one item: its `values` by column, and its figures, NaN if not measured; or the cause of failure.
 
-    `seconds` is the total time of all stages behind it, including those shared with other items. `placed` are the
-    scenes behind it whose numbers of placed photos are known. `hardly_seen`: a message was scored on test views, of
-    which none is legal.
+    `item` is the name of the stage that scored it, empty where that is not to be told. `seconds` is the total time of
+    all stages behind it, including those shared with other items. `placed` are the scenes behind it whose numbers of
+    placed photos are known. `hardly_seen`: a message was scored on test views, of which none is legal.
     """
 
+    item: str
     values: Mapping[str, str]
     figures: tuple[float, ...]
     seconds: float
@@ -61,19 +64,23 @@ class Result:
         """Whether the item succeeded."""
         return self.cause is None
 
+    def names(self, headings: Sequence[str]) -> tuple[str, ...]:
+        """What stands under the headings of its names: its item under `ITEM`, its values under their columns."""
+        return tuple(self.item if heading == ITEM else self.values.get(heading, "") for heading in headings)
+
 
 def read_result(
     item: Item, wanted: Sequence[Figure], lineage: Mapping[str, LineageRecord], placed: Sequence[Placed] = ()
 ) -> Result:
     """The result of an item, with figures in the order of `wanted`, and those of the `placed` scenes behind it."""
     values = {name: "" if value is None else str(value) for name, value in item.values.items()}
-    named = values or {"stage": item.label}
     if item.artifact is None:
-        return Result(named, (math.nan,) * len(wanted), math.nan, item.cause or "not made")
+        return Result(item.stage, values, (math.nan,) * len(wanted), math.nan, item.cause or "not made")
     rows = _by_subject(read_rows(item.artifact))
     behind = _behind(item.stage, lineage)
     return Result(
-        named,
+        item.stage,
+        values,
         tuple(mean_of(rows[figure.subject], figure.column) for figure in wanted),
         math.fsum(record.seconds for record in behind),
         placed=tuple(scene for scene in placed if scene.stage in {record.name for record in behind}),
