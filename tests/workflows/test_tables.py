@@ -14,10 +14,12 @@ from pathlib import Path
 import pytest
 import yaml
 
+from pipeline.console.project import open_project
 from pipeline.results.naming import find_artifact
 from stages.analysis.method_titles import OURS
 from stages.imaging.pictures import encode_png, read_picture
 from tests.workflows.test_batch_pairs import photograph
+from tests.workflows.test_keys import key
 
 REPOSITORY = Path(__file__).parents[2]
 PAIR = {"cover": "fox", "message": "kitchen", "method": "gs_hider", "gaussians": 500, "seed": 0}
@@ -35,7 +37,10 @@ SEVERAL = {
         {**PAIR, "lambda_message": 1.0, "feature_dim": 8, "layers": 3},
     ],
     "plateau": [{**PAIR, "iterations": 4}, {**PAIR, "iterations": 8}],
-    "probes": [{**PAIR, "hidden": 1, "stranger": "kitchen", "method": name} for name in ("gs_hider", "homogeneous")],
+    "probes": [
+        {**PAIR, "hidden": 1, "stranger": "kitchen", "stranger_gaussians": 500, "method": name}
+        for name in ("gs_hider", "homogeneous")
+    ],
 }
 PROBED = [
     {**PAIR, "method": name, "feature_dim": feature_dim, "decoder_width": 12, "rate": 1e-3, "sealed": name == OURS}
@@ -121,6 +126,22 @@ def test_fidelity(photos: Path) -> None:
         assert found.path == Path(ended[f"scores[{item}]"]["outputs"]["scores"])
     secrets = Path(ended["tables"]["outputs"]["public"], "report.html").read_text().casefold()
     assert not any(word in secrets for word in ("kitchen", "message", "secret", "hider"))
+
+
+def test_containers_that_are_probed_are_those_of_fidelity(photos: Path) -> None:
+    """Also where a row has a bound on Gaussians of its own, as bonsai's has."""
+    trained = [{**ROW, "gaussians": 700}, {**ROW, "method": "sh"}]
+    probed = [{**row, "rate": 1e-3, "sealed": False} for row in trained]
+    detected = [{**ROW, "twin": "gs_hider", "clean_seed": 2, "other_seed": 1}]
+
+    def keys(workflow: str, stage: str, **rows: list[dict]) -> list[str]:
+        settings = [f"photos={photos}", *(f"{name}={json.dumps(each)}" for name, each in rows.items())]
+        project = open_project(REPOSITORY / "workflows" / f"{workflow}.yaml", photos / "store", settings)
+        return [key(node) for name, node in project.graph.nodes.items() if name.partition("[")[0] == stage]
+
+    expected = keys("fidelity", "hide", rows=trained)
+    assert len(set(expected)) == 2
+    assert keys("security", "probed_hide", rows=detected, probed=probed) == expected
 
 
 @pytest.mark.slow
