@@ -41,7 +41,7 @@ def check_place(artifact: Artifact, path: Path, reveal: bool) -> None:
             f"this {artifact.kind} is private, but that is a public place: {reason}",
             where=path,
             expected="a folder that only you can enter (mode 0700) and that is not in a git work tree",
-            remedy="Choose another (mkdir -m 700 FOLDER), or add --reveal to write it there anyway.",
+            remedy="Make one (mkdir -m 700 FOLDER) and give FOLDER/NAME, or add --reveal to write it there anyway.",
         )
 
 

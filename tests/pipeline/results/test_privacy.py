@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
 import stat
+import subprocess
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,6 +14,7 @@ import pytest
 
 from pipeline.artifact import Artifact, create, load
 from pipeline.errors import CommandError
+from pipeline.results.exporting import export_artifact
 from pipeline.results.privacy import check_place, make_folder, new_file, why_public
 
 
@@ -88,6 +91,17 @@ def test_private_artifacts_and_public_places(open_folder: Path, tmp_path: Path) 
     check_place(secret, open_folder / "out", reveal=True)
     (tmp_path / "public").mkdir()
     check_place(artifact(tmp_path / "public", private=False), open_folder / "out", reveal=False)
+
+
+def test_the_remedy_for_a_public_place_works_to_the_letter(open_folder: Path, tmp_path: Path) -> None:
+    secret, folder = artifact(tmp_path, private=True), open_folder / "FOLDER"
+    with pytest.raises(CommandError) as refused:
+        check_place(secret, folder, reveal=False)
+    command, place = re.findall(r"mkdir -m 700 FOLDER|FOLDER/\w+", str(refused.value))
+    subprocess.run(command.split(), cwd=open_folder, check=True)
+    check_place(secret, open_folder / place, reveal=False)
+    export_artifact(secret, open_folder / place, zipped=False)
+    assert load(open_folder / place).digest == secret.digest
 
 
 def test_files_and_folders_are_closed_from_the_start(open_folder: Path) -> None:
