@@ -27,7 +27,7 @@ MOST_ROWS = 100_000
 LISTED = 4  # duplicate rows that are reported one by one
 LONGEST_LABEL = 40  # bytes in the label of one value: stage names become file names
 LONGEST_NAME = 120  # bytes in the label of a row
-PLAIN_LABEL = re.compile(r"[\w.+/-]+")
+PLAIN_LABEL = re.compile(r"(?!/)[\w.+/-]+")  # no path from the root
 
 
 @dataclass(frozen=True)
@@ -264,11 +264,14 @@ def _label(values: Sequence[Json]) -> str | None:
 def _value_label(value: Json) -> str | None:
     """The label of a value, as part of a file name; None for an empty text, and for lists and mappings inside others.
 
-    Those by themselves have the labels of what is in them. If characters had to be dropped, a few digits of the value's
-    hash are appended.
+    Those by themselves have the labels of what is in them. Of a path from the root only the last part is used, since
+    pages show labels and should not show this machine's folders. If anything had to be dropped, a few digits of the
+    value's hash are appended.
 
     >>> _value_label(0.25), _value_label("photos/fox"), _value_label("my photos/living room")
     ('0.25', 'photos:fox', 'living-room-08323b1d')
+    >>> _value_label("/home/me/photos/fox")
+    'fox-bcb8e413'
     >>> _value_label({"levels": 2, "rate": 0.1}), _value_label(["reef", "fox"]), _value_label({}), _value_label([[]])
     ('levels-2-rate-0.1', 'reef-fox', '', None)
     """
