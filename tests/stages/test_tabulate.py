@@ -169,6 +169,20 @@ def test_scenes_are_numbered_where_no_column_is_public(tmp_path: Path) -> None:
     assert '<th scope="row">1</th>' in page.file("report.html").read_text()
 
 
+def test_scenes_whose_folders_have_the_same_name_are_numbered(tmp_path: Path) -> None:
+    """A scene that several rows share is one, and nothing else of its path is public."""
+    artifact = metrics(tmp_path / "p", rows(20.0), private=False)
+    covers = ("captures/c0/images", "captures/c1/images", "captures/c0/images", "captures/reef")
+    items = tuple(Item(str(n), {"cover": cover}, f"scores[{n}]", artifact) for n, cover in enumerate(covers))
+    given = {"scores": (), "public_scores": items}
+    inputs = {"scores": (), "public_scores": (artifact,) * len(items)}
+    parameters = TabulateParameters(public_columns=("cover",))
+    page = run_stage(tabulate, parameters, inputs, tmp_path / "out", items=given)["public"].file("report.html")
+    found = re.findall(r'<th scope="row">([^<]*)</th>', page.read_text())
+    assert found == ["images 1", "images 2", "images 1", "reef"]
+    assert "capture" not in page.read_text()
+
+
 def test_a_batch_that_failed_altogether_has_a_page(tmp_path: Path) -> None:
     given = {"scores": (item(0, None, CAUSE), item(1, None, CAUSE)), "public_scores": ()}
     out = run_stage(tabulate, TabulateParameters(), {"scores": ()}, tmp_path / "out", items=given)

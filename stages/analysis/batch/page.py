@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
@@ -96,9 +97,10 @@ def owner_page(results: Sequence[Result], workflow: str) -> BatchPage:
 
 def public_page(results: Sequence[Result], columns: Sequence[str]) -> BatchPage:
     """The successful scenes, in words that fit any splatted scenes; their names come from the public `columns`."""
+    scenes = [result for result in results if result.made]
     made = [
-        Result("", {"Scene": _scene_name(result, columns, number)}, result.figures, math.nan)
-        for number, result in enumerate((result for result in results if result.made), start=1)
+        Result("", {"Scene": name}, result.figures, math.nan)
+        for name, result in zip(_scene_names(scenes, columns), scenes, strict=True)
     ]
     summary = "Scenes of 3D Gaussians, compared with held-out photos."
     tiles = (
@@ -202,7 +204,16 @@ def _tile(name: str, made: Sequence[Result], wanted: Sequence[Figure], figure: F
     return [Tile(name, f"{mean} dB", f"mean; {low} to {high}" if len(values) > 1 else "")]
 
 
-def _scene_name(result: Result, columns: Sequence[str], number: int) -> str:
-    """The last components of the paths in the public columns, or `number` if there are none."""
-    parts = [Path(result.values[column]).name for column in columns if result.values.get(column)]
-    return " · ".join(part for part in parts if part) or str(number)
+def _scene_names(results: Sequence[Result], columns: Sequence[str]) -> list[str]:
+    """A name for each result: the last components of the paths in the public columns, or its number without any.
+
+    Different paths that end alike are numbered, so that their scenes can be told apart without more of the paths.
+    """
+    paths = [tuple(result.values.get(column, "") for column in columns) for result in results]
+    ends = {path: " · ".join(filter(None, (Path(part).name for part in path))) for path in paths}
+    counts, seen = Counter(ends.values()), Counter[str]()
+    names: dict[tuple[str, ...], str] = {}
+    for path, end in ends.items():
+        seen[end] += 1
+        names[path] = f"{end} {seen[end]}" if end and counts[end] > 1 else end
+    return [names[path] or str(number) for number, path in enumerate(paths, start=1)]
