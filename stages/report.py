@@ -39,7 +39,8 @@ def report(context: Context, parameters: ReportParameters) -> None:
 
     The owner's page alone has what is private: the public one is made only from public artifacts and the stages that
     lead to them. For `scenes`, the pages say how many photos were placed. `figures` are those of `recover`, from which
-    the owner's page says whose container was found.
+    the owner's page says whose container was found. Raises `UserError` if two of `scores` are of the same method, other
+    than plain: `tabulate` makes a page of many containers.
     """
     inputs = {name: context.input_many(name) for name in INPUTS}
     lineage, scenes = context.lineage(), context.items("scenes")

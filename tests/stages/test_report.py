@@ -14,6 +14,7 @@ import pytest
 from PIL import Image
 
 from pipeline.artifact import Artifact, create, load
+from pipeline.errors import UserError
 from pipeline.stage import LineageRecord, Services, run_stage
 from stages.analysis.comparisons import Comparison, write_comparisons
 from stages.analysis.page import gallery
@@ -266,6 +267,16 @@ def test_a_hidden_image_is_told_of_at_its_view(inputs: dict, tmp_path: Path) -> 
     top = top_of(text_of(pages(given, tmp_path / "made")["owner"]))
     assert f"the cover reaches 31.25 dB, {PLANTED} 43.21 dB in the view that hides it." in top
     assert f'<span class="label">{PLANTED}, in its view</span> <strong>43.21 dB</strong>' in top
+
+
+def test_scores_of_several_containers_are_not_taken_for_one(inputs: dict, tmp_path: Path) -> None:
+    """3DGS of the cover, which many are compared with, is no container, and the same scores twice are one."""
+    [scores] = inputs["scores"]
+    other = metrics(tmp_path / "other", [replace(row, value=row.value + 1) for row in PUBLIC_ROWS], True)
+    plain = metrics(tmp_path / "plain", [replace(PUBLIC_ROWS[1], value=30.0)], True)
+    pages({**inputs, "scores": (scores, plain, scores)}, tmp_path / "made")
+    with pytest.raises(UserError, match=r"2 of `scores` are of 'gs_hider'.*Use `tabulate`"):
+        pages({**inputs, "scores": (scores, other)}, tmp_path / "refused")
 
 
 def top_of(text: str) -> str:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from pipeline.artifact import Artifact
+from pipeline.errors import UserError
 from pipeline.stage import Item, LineageRecord
 from stages.analysis.comparisons import Comparison, read_comparisons
 from stages.analysis.method_titles import METHOD_TITLES
@@ -58,7 +59,11 @@ class Material:
 
 
 def owner_material(inputs: Inputs, lineage: Sequence[LineageRecord], scenes: Sequence[Item] = ()) -> Material:
-    """All inputs of the stage, without duplicates; `scenes` are those whose numbers of placed photos are shown."""
+    """All inputs of the stage, without duplicates; `scenes` are those whose numbers of placed photos are shown.
+
+    Raises `UserError` if `scores` are of two containers of one method, which a page would take for one.
+    """
+    _check_containers(inputs["scores"])
     material = replace(_gathered(inputs, lineage), placed=read_placed(scenes), found=read_found(inputs["figures"]))
     return _named(material, lambda methods: {name: METHOD_TITLES.get(name, name) for name in methods})
 
@@ -143,6 +148,17 @@ def _with_public_facts(record: LineageRecord) -> LineageRecord:
     if ACCEPTED in record.facts:
         facts[ACCEPTED] = PUBLICLY_ACCEPTED
     return replace(record, facts=facts)
+
+
+def _check_containers(scores: Sequence[Artifact]) -> None:
+    scored = {artifact.digest: {row.method for row in read_rows(artifact)} for artifact in scores}
+    counts = Counter(method for methods in scored.values() for method in methods if method != PLAIN)
+    for method, count in counts.items():
+        if count > 1:
+            raise UserError(
+                f"a report is about one container of each method, and {count} of `scores` are of {method!r}",
+                remedy="Use `tabulate`, whose page has a row for each, or give the stage `foreach` with their rows.",
+            )
 
 
 def _gathered(inputs: Inputs, lineage: Sequence[LineageRecord]) -> Material:
