@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from pipeline.console.project import open_project
 from tests.stages.scene.test_colmap import write_binary_model
 from tests.stages.test_photos import take
 
@@ -50,6 +51,11 @@ def test_all_pairs_are_planned_and_what_they_share_once(data: Path) -> None:
     names = set(re.findall(r"\b(\w+)\[([^\]]+)\]", said))
     counts = {stage: len({row for name, row in names if name == stage}) for stage in ("cover", "message", "hide")}
     assert counts == {"cover": 9, "message": 5, "hide": 45}
+
+
+def test_the_table_can_be_made_again(data: Path) -> None:
+    nodes = open_project(WORKFLOW, data / "store", [f"data={data}", "playroom=db/playroom"]).graph.nodes
+    assert not [name for name, node in nodes.items() if node.unrepeatable]
 
 
 def test_the_released_codes_constants_are_taken(data: Path) -> None:
