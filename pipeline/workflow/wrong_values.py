@@ -39,11 +39,17 @@ def wanting_text(name: str, message: str, value: Located) -> str:
     YAML takes the name 2024, for example, for a number.
     """
     if value.value is None:
-        return f"parameter {name!r}: no value was given; expected a text. To give the text null, quote it: 'null'"
+        return f"parameter {name!r}: no value was given; expected a text. To give the text null, {_quoting('null')}"
     if value.typed is None:
         return message
-    quoted = "'" + value.typed.replace("'", "''") + "'"
-    return f"""{message}; to give this as a text, quote it: {quoted} in a file, "{quoted}" after --set NAME="""
+    return f"{message}; to give this as a text, {_quoting(value.typed)}"
+
+
+def _quoting(typed: str) -> str:
+    """How to quote what was typed. In a CSV only double quotes count, and a shell takes the outer ones away."""
+    quoted = "'" + typed.replace("'", "''") + "'"
+    in_a_cell = '"' + typed.replace('"', '""') + '"'
+    return f"""quote it: {quoted} in a YAML file, {in_a_cell} in a CSV, "{quoted}" after --set NAME="""
 
 
 def _listed(names: list[str]) -> str:

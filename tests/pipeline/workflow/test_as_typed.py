@@ -44,7 +44,7 @@ def test_a_path_that_leads_nowhere_is_told_as_it_was_typed(here: Workspace, name
     here.write(FILE % "${folder}")
     found = here.problems(f"folder={name}")
     if name == "[fox]":  # it may be meant as a list of paths
-        assert any("""quote it: '[fox]' in a file, "'[fox]'" after --set NAME=""" in problem for problem in found)
+        assert any("""quote it: '[fox]' in a YAML file, "[fox]" in a CSV, """ in problem for problem in found)
     else:
         said = [problem.partition("; did you mean")[0] for problem in found]
         assert said == [f"--set folder: parameter 'file': there is no file or folder {str(here.folder / name)!r}"]
@@ -54,7 +54,7 @@ def test_a_path_that_leads_nowhere_is_told_as_it_was_typed(here: Workspace, name
 def test_a_text_is_to_be_quoted_as_it_was_typed(here: Workspace, name: str) -> None:
     here.write("stages:\n  a: {uses: numbers}\n")
     (problem,) = here.problems(f"a.note={name}")
-    assert f"""quote it: '{name}' in a file, "'{name}'" after --set NAME=""" in problem
+    assert f"""quote it: '{name}' in a YAML file, "{name}" in a CSV, "'{name}'" after --set NAME=""" in problem
     assert here.open(f"a.note='{name}'").graph.nodes["a"].parameters["note"] == name
 
 

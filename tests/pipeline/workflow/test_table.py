@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from pathlib import Path
 
 import pytest
@@ -205,6 +206,17 @@ def test_cells(tmp_path: Path, cell: str, value: object) -> None:
     rows, _ = read(tmp_path / "rows.csv", f"a,b\n{cell},x\n".encode())
     assert rows is not None
     assert (rows[0]["a"], type(rows[0]["a"])) == (value, type(value))
+
+
+@pytest.mark.parametrize("cell", ["", "null", "2024"])
+def test_a_cell_that_was_to_be_a_text_says_how_to_quote_it_there(workspace: Workspace, cell: str) -> None:
+    workspace.write('stages:\n  each: {uses: say, foreach: rows.csv, with: {word: "${item.word}"}}')
+    (workspace.folder / "rows.csv").write_text(f"word,other\n{cell},1\n")
+    [told] = workspace.problems()
+    [advised] = re.findall(r'(?:a YAML file, )("\w+")(?: in a CSV)', told)
+    (workspace.folder / "rows.csv").write_text(f"word,other\n{advised},1\n")
+    (node,) = workspace.open().graph.nodes.values()
+    assert node.parameters["word"] == (cell or "null")
 
 
 def test_lines_of_empty_cells_are_no_rows(tmp_path: Path) -> None:

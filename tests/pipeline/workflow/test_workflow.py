@@ -155,7 +155,7 @@ def test_a_circle_is_reported_once(workspace: Workspace) -> None:
         (
             "base.note=2024",
             "--set base.note: parameter 'note' should be a valid string; found 2024; to give this as a text, "
-            """quote it: '2024' in a file, "'2024'" after --set NAME=""",
+            """quote it: '2024' in a YAML file, "2024" in a CSV, "'2024'" after --set NAME=""",
         ),
         ("base.note=0123", """--set base.note: parameter 'note' should be a valid string; found 123; to give this"""),
         ("base.file=2024", "--set base.file: parameter 'file': there is no file or folder"),

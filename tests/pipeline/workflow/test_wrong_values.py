@@ -56,7 +56,7 @@ def test_a_mistyped_method_is_one_message(methods: Workspace) -> None:
     ]
     assert methods.problems("way=3") == [
         "--set way: parameter 'method' of hide, scores and path should be a valid string; found 3; to give this "
-        """as a text, quote it: '3' in a file, "'3'" after --set NAME="""
+        """as a text, quote it: '3' in a YAML file, "3" in a CSV, "'3'" after --set NAME="""
     ]
     assert methods.problems("way=sh") == []
 
@@ -112,5 +112,5 @@ def test_a_value_that_is_none_is_told_so(workspace: Workspace, value: str) -> No
     """
     assert workspace.write(said).problems(f"word={value}") == [
         "--set word: parameter 'word' of one and two: no value was given; expected a text. To give the text null, "
-        "quote it: 'null'"
+        """quote it: 'null' in a YAML file, "null" in a CSV, "'null'" after --set NAME="""
     ]
