@@ -7,7 +7,7 @@
 The first row names the columns; `Cover` names `cover` if only that is wanted. A cell is a number, `true`, `false` or
 `null` if spelled as in JSON, null if empty, and otherwise a text; in quotes it is always a text. A path is always a
 text, quoted or not. Cells are separated by commas or, if those of the first row are, by semicolons or tabs, as
-spreadsheets write them in many countries. Blanks around cells and empty lines are ignored.
+spreadsheets write them in many countries. Blanks around cells, empty lines and empty last columns are ignored.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ class _Table:
 
     def rows(self) -> tuple[Located, ...] | None:
         before = len(self.problems)
-        cells = list(self.cells())
+        cells = _without_empty_columns(list(self.cells()))
         if not cells:
             self.problems.add(Place(self.file, 1, 1), f"the table is empty; expected {HEADER_WORDS}")
             return None
@@ -180,6 +180,13 @@ class _Table:
     def place(self, offset: int) -> Place:
         line = bisect_right(self.lines, offset)
         return Place(self.file, line, offset - self.lines[line - 1] + 1)
+
+
+def _without_empty_columns(rows: Sequence[list[Cell]]) -> list[list[Cell]]:
+    """The rows without the last columns, if those are empty in every row: spreadsheets go on writing emptied ones."""
+    filled = (index for row in rows for index, cell in enumerate(row, start=1) if cell.text or cell.quoted)
+    width = max(filled, default=0)
+    return [row[:width] for row in rows]
 
 
 def _delimiter_of(text: str) -> str:

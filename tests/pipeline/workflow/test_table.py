@@ -225,6 +225,23 @@ def test_lines_of_empty_cells_are_no_rows(tmp_path: Path) -> None:
     assert (rows, len(problems)) == ([{"a": 1, "b": "x"}, {"a": 2, "b": "y"}], 0)
 
 
+@pytest.mark.parametrize(
+    "text", [b"a,b,\n1,x,\n2,y,\n", b"a,b,,\n1,x\n2,y,,", b"a;b;\n1;x;\n2;y; \n", b"a,b\n1,x,\n2,y\n"]
+)
+def test_last_columns_that_are_empty_in_every_row_are_none(tmp_path: Path, text: bytes) -> None:
+    """Spreadsheets go on writing a column that was emptied."""
+    rows, problems = read(tmp_path / "rows.csv", text)
+    assert (rows, len(problems)) == ([{"a": 1, "b": "x"}, {"a": 2, "b": "y"}], 0)
+
+
+def test_a_named_column_may_be_empty_and_an_unnamed_one_may_not(tmp_path: Path) -> None:
+    rows, _ = read(tmp_path / "rows.csv", b"a,b\n1,\n2,\n")
+    assert rows == [{"a": 1, "b": None}, {"a": 2, "b": None}]
+    rows, problems = read(tmp_path / "rows.csv", b"a,b,\n1,x,\n2,y,z\n")
+    assert rows is None
+    assert len(problems) > 0
+
+
 @settings(deadline=None, max_examples=50)
 @given(st.binary(max_size=60))
 def test_any_bytes_give_rows_or_a_reason(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> None:
