@@ -199,9 +199,9 @@ def _listed(
         expected_names = dict.fromkeys([*names, *wanted])
         lacking = [name for name in expected_names if name not in row.value]
         if lacking:
-            problems.add(
-                row.place, f"this row has no {', '.join(lacking)}; expected all of {', '.join(expected_names)}"
-            )
+            # What the first row has besides what is wanted may be a wanted name misspelt.
+            all_of = wanted if set(lacking) <= set(wanted) else tuple(expected_names)
+            problems.add(row.place, f"this row has no {', '.join(lacking)}; expected all of {', '.join(all_of)}")
         listed.append(row.value)
     return listed
 

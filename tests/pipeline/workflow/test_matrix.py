@@ -287,3 +287,6 @@ def test_columns_that_rows_of_a_setting_lack_are_told_once(workspace: Workspace)
     assert workspace.problems("rows=[{first: 1}]") == [
         "--set rows: this row has no count, factor; expected all of first, count, factor"
     ]
+    assert workspace.problems("rows=[{First: 1, Count: 2, Factor: 3}]") == [
+        "--set rows: this row has no first, count, factor; expected all of first, count, factor"
+    ]
