@@ -215,6 +215,12 @@ def test_the_public_page_says_how_what_it_shows_was_trained(inputs: dict) -> Non
     assert [each.uses for each in public_lineage(lineage)] == []
 
 
+def test_visitors_are_not_told_what_to_install(inputs: dict, tmp_path: Path) -> None:
+    made = pages(inputs, tmp_path / "made")
+    assert "pip install" in text_of(made["owner"])
+    assert "install" not in text_of(made["public"])
+
+
 def test_an_artifact_that_is_private_is_not_read_for_the_public_page(inputs: dict, tmp_path: Path) -> None:
     only_private = {name: tuple(each for each in given if each.private) for name, given in inputs.items()}
     made = pages(only_private, tmp_path / "made")
@@ -376,11 +382,17 @@ def test_large_pictures_are_shrunk_for_the_page_and_measured_whole(inputs: dict,
     rendered = truth.copy()
     rendered[:, ::2] = 0  # shrinking makes the pictures more alike
     large = replace(COVER, names=VIEWS[:1], splits=SPLITS[:1], truth=truth, rendered=rendered)
-    given = {"pictures": (comparisons(tmp_path / "large", [large], True),)}
-    text = text_of(pages(given, tmp_path / "made", 1)["owner"])
+    given = {
+        "pictures": (comparisons(tmp_path / "large", [large], True),),
+        "public_pictures": (comparisons(tmp_path / "public", [large], False),),
+    }
+    made = pages(given, tmp_path / "made", 1)
+    text = text_of(made["owner"])
     assert {picture.shape for picture in embedded_pictures(text)} == {(500, 800, 3)}
     assert "Shown at most 800 pixels long" in text
     assert f"{psnr(picture_to_tensor(rendered[0]), picture_to_tensor(truth[0])):.2f} dB" in text
+    assert "`show --pictures` writes them" in text
+    assert "Shown at most 800 pixels long. Figures are for full-size pictures.<" in text_of(made["public"])
     assert "Shown at most" not in text_of(pages(inputs, tmp_path / "small", 1)["owner"])
 
 

@@ -67,6 +67,7 @@ class Page:
     versions: tuple[tuple[str, str], ...]
     devices: tuple[str, ...]
     command: str
+    for_owner: bool
 
     @property
     def definitions(self) -> tuple[tuple[str, str], ...]:
@@ -86,11 +87,10 @@ class Page:
     @property
     def about_pictures(self) -> str:
         """A note on the pictures if some are shown at a reduced size; otherwise empty."""
-        shrunk = (
-            f"Shown at most {LONGEST_SIDE} pixels long. Figures are for full-size pictures; `show --pictures` writes "
-            "them."
-        )
-        return shrunk if are_shrunk(self.galleries) else ""
+        if not are_shrunk(self.galleries):
+            return ""
+        how = "; `show --pictures` writes them" if self.for_owner else ""
+        return f"Shown at most {LONGEST_SIDE} pixels long. Figures are for full-size pictures{how}."
 
 
 def owner_page(material: Material, workflow: str, command: str, views: int) -> Page:
@@ -116,6 +116,7 @@ def owner_page(material: Material, workflow: str, command: str, views: int) -> P
         notices=owner_notices(material),
         tiles=(*scene_tiles(material, "Cover"), *message_tiles(material), *owner_placed_tiles(material)),
         command=command,
+        for_owner=True,
     )
 
 
@@ -144,6 +145,7 @@ def public_page(material: Material, views: int) -> Page:
         notices=(),
         tiles=tiles,
         command="",
+        for_owner=False,
     )
 
 
@@ -161,6 +163,7 @@ def _page(
     notices: tuple[str, ...],
     tiles: tuple[Tile, ...],
     command: str,
+    for_owner: bool,
 ) -> Page:
     charts = (
         _chart("PSNR of the training views (dB)", material.curves, "psnr"),
@@ -175,13 +178,14 @@ def _page(
         films=films,
         galleries=tuple(gallery for gallery in galleries if gallery is not None),
         tables=tables_of(material),
-        remark=_remark(material.scores),
+        remark=_remark(material.scores) if for_owner else "",
         charts=tuple(chart for chart in charts if chart is not None),
         graph=draw_graph(material.lineage),
         stages=tuple(_stage_facts(record) for record in material.lineage),
         versions=tuple(sorted({item for record in material.lineage for item in record.versions.items()})),
         devices=tuple(dict.fromkeys(str(each.facts["device"]) for each in material.lineage if "device" in each.facts)),
         command=command,
+        for_owner=for_owner,
     )
 
 
