@@ -77,9 +77,9 @@ class Curve:
     def message_left(self, most: float) -> float:
         """The message's mean PSNR over losses of the cover from 0 to `most` dB: the curve's area over its width.
 
-        At each loss it is `message_at`. If `most` does not exceed `LEAST_LOSS`, it is the message at no loss.
+        At each loss it is `message_at`. If `most` is 0, it is the message at no loss.
         """
-        if most <= LEAST_LOSS:
+        if most == 0:
             return self.message_at(0.0)
         area = 0.0
         for (left, high), (right, low) in pairwise(self._line):

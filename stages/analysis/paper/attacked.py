@@ -15,6 +15,11 @@ from stages.analysis.paper.runs import Experiment
 COMPARED = (OURS, GS_HIDER)
 """Curves are compared up to the largest loss of the cover that those of these methods reach, with any settings."""
 
+LEAST_WIDTH = 0.25
+"""In dB: curves are compared at least this far; those that end before continue level. Re-optimisation can cost one
+cover nothing and another a tenth of a decibel; compared at no loss at all, it would seem to spare the other's message,
+of which it takes as much."""
+
 SEALED = "sealed"
 """The setting of a container that is attacked as it is published, sealed; see `stages.seal`."""
 
@@ -48,14 +53,15 @@ class Attacked:
     def widths(self, attack: AttackName) -> Mapping[str, float]:
         """For each capture, the loss of the cover, in dB, that the mean curves of the compared methods all reach.
 
-        Where none of these has a curve, it is that of all methods; captures without any curve are left out.
+        It is at least `LEAST_WIDTH`. Where none of these has a curve, it is that of all methods; captures without any
+        curve are left out.
         """
         compared = self.kinds(*COMPARED)
         found = {}
         for capture in self.captures:
             reaches = self._reaches(compared, attack, capture) or self._reaches(self.by_method, attack, capture)
             if reaches:
-                found[capture] = min(reaches)
+                found[capture] = max(LEAST_WIDTH, min(reaches))
         return found
 
     def message_left(self, method: str, attack: AttackName, reading: Reading) -> Measured:

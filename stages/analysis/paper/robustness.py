@@ -12,7 +12,7 @@ from stages.analysis.page.chart import Chart, Series, line_chart
 from stages.analysis.page.figures import MISSING
 from stages.analysis.page.summary import Tile
 from stages.analysis.paper.attack_curves import POINTS, Reading, average_curve, measured, severities
-from stages.analysis.paper.attacked import Attacked
+from stages.analysis.paper.attacked import LEAST_WIDTH, Attacked
 from stages.analysis.paper.chapter import Chapter, title_of
 from stages.analysis.paper.grid import Cell, Grid, Line, average_cell, signed, some_of, without_empty_columns
 from stages.analysis.paper.measuring import Measured, Spread, mean
@@ -33,12 +33,12 @@ CURVE_NOTE = (
     "leaves least of the message. So an attack that destroys the message and spares the cover is a vertical drop, and "
     "counts over the whole width. A loss of the cover of up to 0.05 dB counts as none. All seeds of an attack have the "
     "severities of the first: at each severity, cover and message are means over the seeds. On each capture, the width "
-    "is the largest loss of the cover that all curves of GS-Hider and of ours reach, with any settings; if that is "
-    "none, the figure is what is left at no cost. Curves of other methods that reach less, such as 3DGS+SH and "
-    "3DGS+Decoder, continue level, which favours these methods. A message that reads worse than the best single-colour "
-    "picture is gone, and an owner who sees it says so: it counts as such a picture. A seed with which a view of the "
-    "cover can no longer be rendered does not count at that severity. ±: over n seeds of the attack, by leaving out "
-    "each in turn; for several captures, that of their mean."
+    f"is the largest loss of the cover that all curves of GS-Hider and of ours reach, with any settings, but at least "
+    f"{LEAST_WIDTH:g} dB. Curves that end before continue level, which favours them if a stronger attack would take "
+    "more: those of 3DGS+SH and 3DGS+Decoder, and those of attacks that hardly change a cover. A message that reads "
+    "worse than the best single-colour picture is gone, and an owner who sees it says so: it counts as such a picture. "
+    "A seed with which a view of the cover can no longer be rendered does not count at that severity. ±: over n seeds "
+    "of the attack, by leaving out each in turn; for several captures, that of their mean."
 )
 
 READINGS: Mapping[Reading, str] = {

@@ -100,10 +100,21 @@ def test_areas_are_over_what_both_reach(chapter: Chapter) -> None:
     assert pruned["GS-Hider"] == "23.35"
     assert "±" in pruned["Homogeneous GS-Hider"]
     unread = found[("Unread directions removed",)]
-    assert unread["Cover's loss up to"] == "0.00 dB"
+    assert unread["Cover's loss up to"] == "0.25 dB"
     assert unread["Homogeneous GS-Hider"] == "17.00"
-    assert float(unread["GS-Hider"]) > 23.9
+    assert unread["GS-Hider"] == "23.75"
     assert unread["3DGS+SH"] == ATTACKS["unread_directions"].needs
+
+
+def test_an_attack_that_costs_one_cover_nothing_does_not_seem_to_spare_what_it_takes_of_the_other() -> None:
+    """Of ours, a tenth of a decibel buys 5 dB of the message: half of them on the way there, all of them beyond."""
+    experiments = []
+    for method, cost in (("homogeneous", 0.1), ("gs_hider", 0.0)):
+        found = [*rows(method, UNATTACKED, None, None, 0, 0), *rows(method, "reoptimisation", 100, 0, cost, 5)]
+        experiments.append(Experiment("fox", method, "0", tuple(found), {}))
+    chapter = robustness(Study((), experiments=tuple(experiments)), read_published())
+    left = written(chapter, f"What is left of the message, {FOUND}")[("Re-optimisation",)]
+    assert (left["Homogeneous GS-Hider"], left["GS-Hider"]) == ("21.00", "19.00")
 
 
 def test_where_an_attack_has_nothing_to_act_on_it_is_said() -> None:
