@@ -22,7 +22,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict
 
-from pipeline.artifact import Artifact, ArtifactWriter, publish
+from pipeline.artifact import Artifact, ArtifactWriter
 from pipeline.canonical import Json, plain
 from pipeline.errors import ArtifactError, Interrupted, UserError
 from pipeline.resources import amounts
@@ -164,10 +164,14 @@ class Context:
         services: Services,
         items: Mapping[str, tuple[Item, ...]] | None = None,
     ) -> None:
-        self.inputs, self.scratch, self.workflow_name = inputs, scratch, workflow_name
+        self.inputs = inputs
+        self._items = items or {}
+        self.scratch = scratch
+        self.workflow_name = workflow_name
         self.facts: dict[str, Json] = {}
         self.seconds_before = 0.0
-        self._outputs, self._items, self._services = outputs, items or {}, services
+        self._outputs = outputs
+        self._services = services
 
     def input(self, name: str) -> Artifact:
         """The artifact of an input that takes one. Raises TypeError if it was given none, or takes many."""
@@ -178,7 +182,8 @@ class Context:
 
         Raises TypeError for an input without `many`.
         """
-        if not isinstance(value := self.inputs[name], tuple):
+        value = self.inputs[name]
+        if not isinstance(value, tuple):
             raise TypeError(f"input {name!r} is not declared with many=True")
         return value
 
@@ -355,40 +360,6 @@ def _parameters_of(function: StageFunction) -> type[Parameters]:
 def output_is_private(output: Output, from_input: bool, said: bool) -> bool:
     """Whether an output is private, given whether an input is (`from_input`) or the workflow says so (`said`)."""
     return said or output.privacy == "private" or (output.privacy == "inherit" and from_input)
-
-
-def run_stage(
-    declared: Stage,
-    parameters: Parameters,
-    inputs: Mapping[str, Artifact | tuple[Artifact, ...]],
-    directory: Path,
-    *,
-    services: Services | None = None,
-    workflow_name: str = "test",
-    private: bool = False,
-    items: Mapping[str, tuple[Item, ...]] | None = None,
-) -> dict[str, Artifact]:
-    """Runs a stage without the engine, for tests, and returns its outputs, each in `directory/<output>`.
-
-    `items` are those of the labelled inputs; by default, their artifacts are labelled by number. Raises what the stage
-    raises, and TypeError if the inputs are not those that it declares.
-    """
-    values = bind_inputs(declared, inputs)
-    from_input = any(artifact.private for artifact in _artifacts(values))
-    writers = {
-        name: ArtifactWriter(directory / f".{name}", output.kind, output_is_private(output, from_input, private))
-        for name, output in declared.outputs.items()
-    }
-    scratch = directory / ".scratch"
-    scratch.mkdir(parents=True, exist_ok=True)
-    numbered = {
-        name: tuple(Item(str(number), {}, name, artifact) for number, artifact in enumerate(_artifacts({name: value})))
-        for name, value in values.items()
-        if declared.inputs[name].labelled
-    }
-    context = Context(values, writers, scratch, workflow_name, services or Services(), {**numbered, **(items or {})})
-    declared(context, parameters)
-    return {name: publish(writer.finish(), directory / name) for name, writer in writers.items()}
 
 
 def bind_inputs(declared: Stage, given: Mapping[str, InputValue]) -> dict[str, InputValue]:

@@ -270,8 +270,8 @@ def _value_label(value: Json) -> str | None:
 
     >>> _value_label(0.25), _value_label("photos/fox"), _value_label("my photos/living room")
     ('0.25', 'photos:fox', 'living-room-08323b1d')
-    >>> _value_label("/home/me/photos/fox")
-    'fox-bcb8e413'
+    >>> _value_label("/photos/fox")
+    'fox-901c26c1'
     >>> _value_label({"levels": 2, "rate": 0.1}), _value_label(["reef", "fox"]), _value_label({}), _value_label([[]])
     ('levels-2-rate-0.1', 'reef-fox', '', None)
     """

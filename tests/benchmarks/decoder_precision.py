@@ -24,7 +24,6 @@ import torch
 from torch import Tensor
 
 from pipeline.artifact import Artifact, load
-from pipeline.stage import run_stage
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.hiding import decoders
 from stages.hiding.convolution import Convolution
@@ -37,6 +36,7 @@ from stages.imaging.pictures import picture_to_tensor
 from stages.imaging.psnr import psnr
 from stages.scene.message_views import read_message_pictures
 from stages.scene.scene import read_scene
+from tests.running import run_stage
 
 BOUND = 0.1
 """Decibels by which a lower precision may differ from float32."""

@@ -17,7 +17,6 @@ from pathlib import Path
 import torch
 
 from opencl.routes import describe_drawing, working_device
-from pipeline.stage import run_stage
 from stages.hiding.photographs import photographs
 from stages.hiding.rendering import COVER
 from stages.hiding.storage import read_gaussians, read_method
@@ -28,6 +27,7 @@ from stages.photos import PhotosParameters, photos
 from stages.scene.scene import read_scene
 from stages.sfm import SfmParameters, sfm
 from stages.train_scene import TrainSceneParameters, train_scene
+from tests.running import run_stage
 
 HELD_OUT = "0012.jpg"
 ITERATIONS = 2_000

@@ -22,7 +22,7 @@ import torch
 from opencl.routes import describe_drawing, working_device
 from pipeline.artifact import Artifact, load
 from pipeline.run.freed_memory import keep_freed_memory
-from pipeline.stage import Parameters, Services, Stage, run_stage
+from pipeline.stage import Parameters, Services, Stage
 from stages.evaluate import EvaluateParameters, evaluate
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.hiding.method_names import PLAIN
@@ -30,6 +30,7 @@ from stages.imaging.metric_table import read_rows
 from stages.render_hidden import RenderHiddenParameters, render_hidden
 from stages.time_frames import TimeFramesParameters, time_frames
 from stages.train_scene import TrainSceneParameters, train_scene
+from tests.running import run_stage
 
 METHODS = (PLAIN, "gs_hider", "homogeneous")
 

@@ -11,7 +11,8 @@ from pydantic import Field, ValidationError
 
 from pipeline.artifact import Artifact, create, load
 from pipeline.errors import Interrupted
-from pipeline.stage import Context, Input, Output, Parameters, Services, run_stage, stage
+from pipeline.stage import Context, Input, Output, Parameters, Services, stage
+from tests.running import run_stage
 
 
 class ScaleParameters(Parameters):

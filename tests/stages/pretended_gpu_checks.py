@@ -24,7 +24,7 @@ working_on = [CPU]
 routes.working_device = lambda: working_on[0]  # before stages import it
 
 from pipeline.artifact import Artifact  # noqa: E402
-from pipeline.stage import Parameters, Stage, run_stage  # noqa: E402
+from pipeline.stage import Parameters, Stage  # noqa: E402
 from stages.add_grain import AddGrainParameters, add_grain  # noqa: E402
 from stages.analysis.attacks.target import Knowledge  # noqa: E402
 from stages.analysis.attacks.unread_directions import heeded  # noqa: E402
@@ -63,6 +63,7 @@ from stages.training.state import set_state, state_of  # noqa: E402
 from stages.tune_watermark_decoder import TuneWatermarkDecoderParameters, tune_watermark_decoder  # noqa: E402
 from tests.benchmarks import nvidia_checks, nvidia_timing, nvidia_training, training_iteration  # noqa: E402
 from tests.opencl.test_nvidia_script import SMALL, few_inputs  # noqa: E402
+from tests.running import run_stage  # noqa: E402
 from tests.stages import small, watermarks  # noqa: E402
 from tests.stages.analysis.attacks.containers import knowledge, target_and_owner  # noqa: E402
 from tests.stages.hiding.relocalisation import scenes  # noqa: E402

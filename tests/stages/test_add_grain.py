@@ -9,7 +9,6 @@ import pytest
 
 from pipeline.artifact import Artifact
 from pipeline.errors import UserError
-from pipeline.stage import run_stage
 from stages.add_grain import AddGrainParameters, add_grain
 from stages.draw_key import DrawKeyParameters, draw_key
 from stages.hide_scenes import HideScenesParameters, hide_scenes
@@ -23,6 +22,7 @@ from stages.hiding.watermark.grain import follows
 from stages.scene.cameras import single_cameras
 from stages.scene.scene import read_scene
 from stages.seal import SealParameters, seal
+from tests.running import run_stage
 from tests.stages import small
 from tests.stages.small import message_views, scene
 

@@ -10,7 +10,6 @@ import pytest
 from opencl.routes import describe_drawing, working_device
 from pipeline.artifact import MANIFEST, Artifact
 from pipeline.errors import Interrupted, UserError
-from pipeline.stage import run_stage
 from stages.analysis.attacks.catalogue import ATTACKS, ONE_COLOUR, UNATTACKED, restored
 from stages.analysis.kept import kept, name_on
 from stages.analysis.measurements import MEASUREMENTS_FILE, Measurement, read_measurements, to_lines
@@ -18,6 +17,7 @@ from stages.attack import AttackParameters, attack
 from stages.evaluate import EvaluateParameters, evaluate
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.imaging.metric_table import read_rows
+from tests.running import run_stage
 from tests.stages.small import NAMES, message_views, scene
 from tests.stages.test_stopping import Asking
 

@@ -12,9 +12,10 @@ from pathlib import Path
 import pytest
 
 from pipeline.artifact import Artifact
-from pipeline.stage import Item, Services, run_stage
+from pipeline.stage import Item, Services
 from stages.compare_with_paper import CompareWithPaperParameters, compare_with_paper
 from stages.imaging.metric_table import read_rows
+from tests.running import run_stage
 from tests.stages.analysis.paper import synthetic
 from tests.stages.analysis.paper.synthetic import metrics, public_of, timing_items
 from tests.stages.test_report import FORBIDDEN, Reader

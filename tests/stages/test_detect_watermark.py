@@ -14,7 +14,7 @@ import torch
 
 from pipeline.artifact import Artifact, create, load
 from pipeline.errors import Interrupted, UserError
-from pipeline.stage import Services, run_stage
+from pipeline.stage import Services
 from stages.add_grain import AddGrainParameters, add_grain
 from stages.analysis.measurements import Measurement, read_measurements
 from stages.analysis.watermark_trials import (
@@ -61,6 +61,7 @@ from stages.imaging.psnr import psnr
 from stages.scene.cameras import Cameras
 from stages.scene.gaussians import Gaussians
 from stages.scene.scene import read_scene
+from tests.running import run_stage
 from tests.stages import small, watermarks
 from tests.stages.hiding.relocalisation import scenes
 from tests.stages.test_edit_splats import enlarged

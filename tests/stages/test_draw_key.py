@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from pipeline.artifact import Artifact
-from pipeline.stage import run_stage
 from stages.draw_key import DrawKeyParameters, draw_key
+from tests.running import run_stage
 
 
 def drawn(folder: Path, seed: int | None) -> Artifact:

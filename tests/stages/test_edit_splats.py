@@ -12,7 +12,6 @@ from pydantic import ValidationError
 
 from pipeline.artifact import Artifact, create, load
 from pipeline.errors import UserError
-from pipeline.stage import run_stage
 from stages.edit_splats import EditSplatsParameters, edit_splats
 from stages.hiding.method import build_method
 from stages.hiding.storage import read_gaussians, read_method, write_container
@@ -24,6 +23,7 @@ from stages.scene.gaussians import Gaussians, gaussians_at
 from stages.scene.scene import read_scene, write_scene
 from stages.scene.spherical_harmonics import CONSTANT_HARMONIC
 from stages.scene.world_scale import refuse_other_world, scaled, stated
+from tests.running import run_stage
 from tests.stages import small
 
 HALF = {"shape": "box", "centre": [0.5, 0, 0], "size": [1, 9, 9], "coordinates": "world"}

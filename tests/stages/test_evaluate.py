@@ -9,7 +9,6 @@ import pytest
 
 from pipeline.artifact import create, load
 from pipeline.errors import UserError
-from pipeline.stage import run_stage
 from stages.analysis.comparisons import read_comparisons
 from stages.analysis.leakage import correlation
 from stages.evaluate import EvaluateParameters, evaluate
@@ -17,6 +16,7 @@ from stages.hide_image import hide_image
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.imaging.image import write_image
 from stages.imaging.metric_table import read_rows
+from tests.running import run_stage
 from tests.stages import small
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.stage import Services, run_stage
+from pipeline.stage import Services
 from stages import evaluate as stage
 from stages.attack import AttackParameters
 from stages.evaluate import EvaluateParameters, evaluate
@@ -14,6 +14,7 @@ from stages.imaging import lpips
 from stages.imaging.lpips import Lpips, networks_for
 from stages.imaging.lpips_weights import Network, weights_file
 from stages.imaging.metric_table import read_rows
+from tests.running import run_stage
 from tests.stages import small
 from tests.stages.imaging.test_lpips import random_weights
 

@@ -14,7 +14,7 @@ import torch
 from pipeline.artifact import Artifact, create, load
 from pipeline.canonical import Json
 from pipeline.errors import UserError
-from pipeline.stage import Finished, run_stage
+from pipeline.stage import Finished
 from stages.export_container import ExportContainerParameters, export_container
 from stages.export_splats import ExportSplatsParameters, export_splats
 from stages.hide_scenes import HideScenesParameters, hide_scenes
@@ -30,6 +30,7 @@ from stages.scene.cameras import Camera
 from stages.scene.gaussians import Gaussians, gaussians_at
 from stages.scene.scene import read_scene
 from stages.train_scene import TrainSceneParameters, train_scene
+from tests.running import run_stage
 from tests.stages import small
 
 COUPLED = {"feature_dim": 5, "layers": 3, "decoder_width": 12, "kernel_size": 1, "precision": "float32"}

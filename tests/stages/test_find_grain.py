@@ -9,7 +9,7 @@ import pytest
 
 from pipeline.artifact import Artifact, create, load
 from pipeline.errors import Interrupted, UserError
-from pipeline.stage import Services, run_stage
+from pipeline.stage import Services
 from stages.add_grain import AddGrainParameters, add_grain
 from stages.analysis.measurements import read_measurements
 from stages.draw_key import DrawKeyParameters, draw_key
@@ -19,6 +19,7 @@ from stages.hiding.watermark.reading import GrainReader
 from stages.imaging.pictures import Picture, encode_jpeg, encode_png, resize_picture
 from stages.scene.capture import Capture, write_capture
 from stages.scene.unreadable import write_unreadable_names
+from tests.running import run_stage
 from tests.stages import small, watermarks
 from tests.stages.hiding.relocalisation import scenes
 from tests.stages.test_stopping import Asking

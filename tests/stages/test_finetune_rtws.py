@@ -11,7 +11,6 @@ import torch
 
 from pipeline.artifact import Artifact, create, load
 from pipeline.errors import UserError
-from pipeline.stage import run_stage
 from stages.hide_image import hide_image
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.hiding.rendering import COVER
@@ -25,6 +24,7 @@ from stages.training.decoder_tuning import CLEAN, OTHERS, PHOTOS, RENDERS, Decod
 from stages.training.feature_tuning import half_watermarked
 from stages.training.views import training_views
 from stages.tune_watermark_decoder import TuneWatermarkDecoderParameters, tune_watermark_decoder
+from tests.running import run_stage
 from tests.stages import small, watermarks
 from tests.stages.test_edit_splats import enlarged
 from tests.stages.watermarks import Inputs, errors_of, finetuned, inputs_of_rtws

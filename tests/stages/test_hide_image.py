@@ -9,7 +9,6 @@ import pytest
 
 from pipeline.artifact import Artifact, create, load
 from pipeline.errors import UserError
-from pipeline.stage import run_stage
 from stages.analysis.comparisons import read_comparisons
 from stages.evaluate import EvaluateParameters, evaluate
 from stages.hide_image import chosen_view, hide_image
@@ -18,6 +17,7 @@ from stages.hiding.key import KEY_BYTES, generator_apart, key_generator, write_k
 from stages.imaging.image import filling, read_image, write_image
 from stages.imaging.metric_table import read_rows
 from stages.scene.scene import read_scene
+from tests.running import run_stage
 from tests.stages.small import HEIGHT, NAMES, WIDTH, scene
 
 SETTINGS = {"iterations": 150, "decoder_width": 16, "feature_dim": 8, "lambda_message": 1.0, "sh_degree": 1}

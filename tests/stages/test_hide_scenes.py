@@ -8,13 +8,13 @@ import pytest
 
 from pipeline.artifact import Artifact
 from pipeline.errors import UserError
-from pipeline.stage import run_stage
 from stages.analysis.comparisons import read_comparisons
 from stages.analysis.videos import read_videos
 from stages.evaluate import EvaluateParameters, evaluate
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.imaging.metric_table import read_rows
 from stages.render_path import RenderPathParameters, render_path
+from tests.running import run_stage
 from tests.stages.small import NAMES, message_views, scene, splats
 
 SETTINGS = {"iterations": 2, "decoder_width": 8, "feature_dim": 8}

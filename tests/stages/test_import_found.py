@@ -9,11 +9,11 @@ import pytest
 
 from pipeline.artifact import Artifact, create, load
 from pipeline.errors import UserError
-from pipeline.stage import run_stage
 from stages.hiding.columns import columns_of
 from stages.hiding.storage import write_container
 from stages.import_found import ImportFoundParameters, import_found
 from stages.recover import RecoverParameters, recover
+from tests.running import run_stage
 from tests.stages.analysis.attacks.containers import METHODS, target_and_owner
 from tests.stages.scene.splat_files.files import write_ply
 from tests.stages.test_stopping import Asking

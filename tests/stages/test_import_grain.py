@@ -8,10 +8,10 @@ import pytest
 
 from pipeline.artifact import Artifact, load
 from pipeline.errors import UserError
-from pipeline.stage import run_stage
 from stages.add_grain import AddGrainParameters, add_grain
 from stages.draw_key import DrawKeyParameters, draw_key
 from stages.import_grain import ImportGrainParameters, import_grain
+from tests.running import run_stage
 from tests.stages import small
 
 

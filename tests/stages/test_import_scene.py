@@ -11,10 +11,10 @@ import pytest
 
 from pipeline.artifact import Artifact, create, load
 from pipeline.errors import UserError
-from pipeline.stage import run_stage
 from stages import import_scene as module
 from stages.import_scene import ImportSceneParameters, import_scene
 from stages.scene.scene import read_scene, write_scene
+from tests.running import run_stage
 from tests.stages import small
 
 

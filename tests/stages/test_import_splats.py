@@ -9,12 +9,13 @@ import pytest
 import torch
 
 from pipeline.errors import UserError
-from pipeline.stage import Services, run_stage
+from pipeline.stage import Services
 from stages.hiding.photographs import photographs
 from stages.hiding.rendering import COVER
 from stages.hiding.storage import check_method, read_gaussians, read_method
 from stages.import_splats import ImportSplatsParameters, import_splats
 from stages.scene.cameras import Cameras
+from tests.running import run_stage
 from tests.stages.scene.splat_files.files import columns, write_ply
 
 

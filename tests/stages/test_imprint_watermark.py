@@ -10,7 +10,6 @@ import torch
 
 from pipeline.artifact import Artifact
 from pipeline.errors import Interrupted
-from pipeline.stage import run_stage
 from stages.analysis.detection import explained_share
 from stages.hide_image import hide_image
 from stages.hide_scenes import hide_scenes
@@ -27,6 +26,7 @@ from stages.scene.scene import read_scene
 from stages.training.decoder_tuning import CLEAN, PHOTOS, RENDERS, decoded
 from stages.training.imprinting import OTHERS, Imprinting, ImprintPictures, ImprintSettings
 from stages.training.views import training_views
+from tests.running import run_stage
 from tests.stages import small, watermarks
 from tests.stages.test_stopping import Asking
 

@@ -12,10 +12,11 @@ from PIL import Image
 from pipeline.artifact import Artifact, load
 from pipeline.canonical import Json
 from pipeline.errors import UserError
-from pipeline.stage import Context, Services, run_stage
+from pipeline.stage import Context, Services
 from stages.imaging.pictures import read_picture
 from stages.photos import PhotosParameters, photos
 from stages.scene.capture import picture_path, read_capture
+from tests.running import run_stage
 from tests.stages.scene.test_colmap import QUATERNION, TRANSLATION, write_binary_model, write_text_model
 from tests.stages.scene.test_transforms import MATRIX
 

@@ -10,7 +10,6 @@ import torch
 
 from pipeline.artifact import Artifact, create, load
 from pipeline.errors import UserError
-from pipeline.stage import run_stage
 from stages.analysis.probes import OWN, PROBES, SILENT, probes, run_name
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.hiding.method import build_method
@@ -21,6 +20,7 @@ from stages.render_hidden import photograph_message
 from stages.scene.gaussians import gaussians_at
 from stages.scene.message_views import MessageViews, write_message_views
 from stages.scene.scene import read_scene
+from tests.running import run_stage
 from tests.stages.small import scene
 
 SETTINGS = {"iterations": 300, "decoder_width": 16, "feature_dim": 8, "message_points": 60, "lambda_message": 4.0}

@@ -11,7 +11,7 @@ import pytest
 
 from pipeline.artifact import Artifact
 from pipeline.errors import Interrupted, UserError
-from pipeline.stage import Services, run_stage
+from pipeline.stage import Services
 from stages.analysis.comparisons import read_comparisons
 from stages.analysis.measurements import Measurement, read_measurements
 from stages.analysis.secrecy.conditions import (
@@ -32,6 +32,7 @@ from stages.analysis.secrecy.conditions import (
 )
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.probe_secrecy import ProbeSecrecyParameters, probe_secrecy
+from tests.running import run_stage
 from tests.stages.small import message_views, scene
 from tests.stages.test_probe_decoder import SETTINGS, dotted_message
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from pipeline.artifact import Artifact
-from pipeline.stage import run_stage
 from stages.analysis.comparisons import read_comparisons
 from stages.analysis.videos import read_videos
 from stages.evaluate import EvaluateParameters, evaluate
 from stages.imaging.metric_table import read_rows
 from stages.render_path import RenderPathParameters, render_path
+from tests.running import run_stage
 from tests.stages import small
 
 

@@ -11,7 +11,6 @@ import torch
 
 from pipeline.artifact import Artifact, create, load
 from pipeline.errors import UserError
-from pipeline.stage import run_stage
 from stages.analysis.attacks.features import channel_permutation, compensated_rotation
 from stages.analysis.attacks.pruning import random_pruning
 from stages.analysis.attacks.rigid_motion import rigid_motion
@@ -24,6 +23,7 @@ from stages.hiding.storage import read_gaussians, read_method, write_container, 
 from stages.recover import RecoverParameters, recover
 from stages.scene.cameras import single_cameras
 from stages.scene.gaussians import Gaussians
+from tests.running import run_stage
 from tests.stages import small
 from tests.stages.analysis.attacks.containers import MESSAGE, METHODS, cameras, target_and_owner
 from tests.stages.test_stopping import Asking

@@ -13,7 +13,6 @@ import torch
 from pipeline.artifact import Artifact, create, load
 from pipeline.canonical import Json
 from pipeline.errors import UserError
-from pipeline.stage import run_stage
 from stages.export_splats import SPLATS_FILE, ExportSplatsParameters, export_splats
 from stages.hiding.method import build_method
 from stages.hiding.rendering import COVER
@@ -27,6 +26,7 @@ from stages.scene.scene import Scene, write_scene
 from stages.scene.splat_files.reading import read_splats
 from stages.scene.world_scale import world_scale_of
 from stages.tracing.rig import orbit
+from tests.running import run_stage
 
 SIZE = (32, 24)
 

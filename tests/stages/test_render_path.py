@@ -12,7 +12,6 @@ from PIL import Image
 
 from pipeline.artifact import Artifact, create, load
 from pipeline.errors import UserError
-from pipeline.stage import run_stage
 from stages.analysis.videos import Video, read_videos
 from stages.hiding.method import build_method
 from stages.hiding.rendering import COVER
@@ -20,6 +19,7 @@ from stages.hiding.storage import write_container, write_secret
 from stages.imaging import video
 from stages.render_path import RenderPathParameters, render_path
 from stages.scene.gaussians import gaussians_at
+from tests.running import run_stage
 from tests.stages import small
 
 MESSAGES = ["Zebraquartz", "statue"]

@@ -15,7 +15,7 @@ from PIL import Image
 
 from pipeline.artifact import Artifact, create, load
 from pipeline.errors import UserError
-from pipeline.stage import LineageRecord, Services, run_stage
+from pipeline.stage import LineageRecord, Services
 from stages.analysis.comparisons import Comparison, write_comparisons
 from stages.analysis.page import gallery
 from stages.analysis.page.material import public_lineage, public_material
@@ -24,6 +24,7 @@ from stages.imaging.metric_table import MetricRow, write_rows
 from stages.imaging.pictures import picture_to_tensor
 from stages.imaging.psnr import psnr
 from stages.report import INPUTS, ReportParameters, report
+from tests.running import run_stage
 
 PLANTED = "Zebraquartz"
 """The name of the message, in everything private."""

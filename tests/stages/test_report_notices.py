@@ -11,8 +11,9 @@ from pathlib import Path
 import pytest
 
 from pipeline.artifact import Artifact, create, load
-from pipeline.stage import Item, Services, run_stage
+from pipeline.stage import Item, Services
 from stages.report import ReportParameters, report
+from tests.running import run_stage
 from tests.stages.test_report import LINEAGE, PLANTED, PRIVATE_ROWS, PUBLIC_ROWS, metrics, pages, text_of, top_of
 
 

@@ -10,13 +10,14 @@ import torch
 
 from pipeline.artifact import Artifact, create, load
 from pipeline.errors import Interrupted, UserError
-from pipeline.stage import Services, run_stage
+from pipeline.stage import Services
 from stages.analysis.attacks.features import channel_permutation
 from stages.analysis.comparisons import read_comparisons
 from stages.hiding.rendering import COVER
 from stages.hiding.storage import write_container, write_secret
 from stages.imaging.metric_table import read_rows
 from stages.reveal import RevealParameters, reveal
+from tests.running import run_stage
 from tests.stages import small
 from tests.stages.analysis.attacks.containers import MESSAGE, METHODS, target_and_owner
 from tests.stages.test_stopping import Asking

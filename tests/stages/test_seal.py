@@ -12,7 +12,7 @@ import torch
 from pipeline.artifact import Artifact, create, load
 from pipeline.canonical import Json
 from pipeline.errors import UserError
-from pipeline.stage import Finished, run_stage
+from pipeline.stage import Finished
 from stages.analysis.attacks.catalogue import UNATTACKED, restored
 from stages.analysis.measurements import read_measurements
 from stages.analysis.secrecy.conditions import APART, BLIND, OWNER
@@ -38,6 +38,7 @@ from stages.scene import moved_splats
 from stages.scene.gaussians import Gaussians
 from stages.seal import SealParameters, seal
 from stages.view_container import view_container
+from tests.running import run_stage
 from tests.stages.small import scene
 from tests.stages.test_probe_decoder import SETTINGS, dotted_message
 

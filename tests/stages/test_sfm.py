@@ -17,7 +17,7 @@ from PIL import Image
 from pipeline.artifact import Artifact, create, load
 from pipeline.canonical import Json
 from pipeline.errors import Interrupted, UserError
-from pipeline.stage import Services, run_stage
+from pipeline.stage import Services
 from stages.photos import PhotosParameters, photos
 from stages.scene.alignment import nearest_depth, project
 from stages.scene.cameras import Cameras
@@ -29,6 +29,7 @@ from stages.scene.scene import Scene, read_scene
 from stages.scene.structure_from_motion import Settings, refuse_few
 from stages.sfm import SfmParameters, sfm
 from stages.synthesize import SynthesizeParameters, synthesize
+from tests.running import run_stage
 from tests.stages.scene.rigs import arc
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from pipeline.artifact import Artifact, create, load
-from pipeline.stage import Item, run_stage
+from pipeline.stage import Item
 from stages.analysis.attribute_histograms import DIVERGENCE, ONLY_THERE, of_attribute
 from stages.analysis.learned_detection import LEARNED, TRAINING_PAIRS, TRAINING_SCENES
 from stages.analysis.measurements import Measurement, read_measurements, write_measurements
@@ -27,6 +27,7 @@ from stages.hiding.storage import write_container
 from stages.render_views import RenderViewsParameters, render_views
 from stages.scene.gaussians import gaussians_at
 from stages.steganalysis import SteganalysisParameters, steganalysis
+from tests.running import run_stage
 from tests.stages import small
 
 VIEWS = 6

@@ -12,7 +12,7 @@ import pytest
 
 from pipeline.artifact import Artifact
 from pipeline.errors import Interrupted
-from pipeline.stage import Parameters, Services, Stage, run_stage
+from pipeline.stage import Parameters, Services, Stage
 from stages.add_grain import AddGrainParameters, add_grain
 from stages.evaluate import EvaluateParameters, evaluate
 from stages.find_grain import FindGrainParameters, find_grain
@@ -23,6 +23,7 @@ from stages.render_hidden import RenderHiddenParameters, render_hidden
 from stages.render_path import RenderPathParameters, render_path
 from stages.time_frames import TimeFramesParameters, time_frames
 from stages.train_scene import TrainSceneParameters, train_scene
+from tests.running import run_stage
 from tests.stages import small, watermarks
 from tests.stages.watermarks import inputs_of_rtws
 

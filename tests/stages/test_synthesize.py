@@ -11,11 +11,12 @@ from pydantic import ValidationError
 
 from pipeline.artifact import Artifact
 from pipeline.errors import Interrupted
-from pipeline.stage import Services, run_stage
+from pipeline.stage import Services
 from stages.imaging.pictures import read_picture
 from stages.scene.capture import picture_path, read_capture
 from stages.synthesize import SynthesizeParameters, synthesize
 from stages.tracing.rig import orbit
+from tests.running import run_stage
 
 SMALL = {"scene": "courtyard", "views": 3, "width": 48, "height": 36, "samples": 1, "processes": 1}
 

@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 
 from pipeline.artifact import Artifact, create, load
-from pipeline.stage import Item, LineageRecord, Services, run_stage
+from pipeline.stage import Item, LineageRecord, Services
 from stages.imaging.metric_table import MetricRow
 from stages.tabulate import TabulateParameters, tabulate
+from tests.running import run_stage
 from tests.stages.test_report import FORBIDDEN, metrics
 
 PLANTED = "Zebraquartz"

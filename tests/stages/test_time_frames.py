@@ -9,11 +9,11 @@ from typing import Any, cast
 import pytest
 import torch
 
-from pipeline.stage import run_stage
 from stages.hiding.methods.gs_hider import GSHider
 from stages.hiding.rendering import Rendering
 from stages.imaging.metric_table import read_rows
 from stages.time_frames import TimeFramesParameters, median_seconds, time_frames, wait_for
+from tests.running import run_stage
 from tests.stages.small import scene
 from tests.stages.test_steganalysis import container
 

@@ -10,7 +10,7 @@ import torch
 
 from pipeline.artifact import Artifact, load
 from pipeline.errors import Interrupted, UserError
-from pipeline.stage import Services, run_stage
+from pipeline.stage import Services
 from stages.analysis.codec_quality import FOUND, GIVEN, MARKED
 from stages.analysis.measurements import read_measurements
 from stages.hiding.watermark.codec import new_codec
@@ -19,6 +19,7 @@ from stages.train_codec import TrainCodecParameters, train_codec
 from stages.training.codec import FOUND as WATERMARK
 from stages.training.codec import MARKED as WATERMARKED
 from stages.training.codec import CodecSettings, CodecTraining, rounded
+from tests.running import run_stage
 from tests.stages import small
 from tests.stages.watermarks import capture, emblem, errors_of, stored_capture
 

@@ -10,7 +10,6 @@ import pytest
 
 from pipeline.artifact import Artifact, create, load
 from pipeline.errors import UserError
-from pipeline.stage import run_stage
 from stages.analysis.comparisons import Comparison, read_comparisons
 from stages.analysis.videos import read_videos
 from stages.export_container import ExportContainerParameters, export_container
@@ -25,6 +24,7 @@ from stages.imaging.psnr import psnr
 from stages.import_container import ImportContainerParameters, import_container
 from stages.scene.scene import read_scene
 from stages.view_container import ViewContainerParameters, view_container
+from tests.running import run_stage
 from tests.stages import small
 from tests.workflows.secret_windows import SecretWindows, everything_in
 

@@ -9,7 +9,6 @@ import numpy as np
 import torch
 
 from pipeline.artifact import Artifact, create, load
-from pipeline.stage import run_stage
 from stages.finetune_rtws import FinetuneRtwsParameters, finetune_rtws
 from stages.hiding.method import Method
 from stages.hiding.storage import write_container
@@ -23,6 +22,7 @@ from stages.scene.capture import Capture, write_capture
 from stages.scene.gaussians import Gaussians
 from stages.scene.scene import Scene, write_scene
 from stages.training.network import NetworkTraining
+from tests.running import run_stage
 from tests.stages import small
 from tests.stages.small import HEIGHT, NAMES, WIDTH, pictures
 

@@ -16,10 +16,10 @@ from pathlib import Path
 import pytest
 
 from pipeline.artifact import load
-from pipeline.stage import run_stage
 from stages.analysis.comparisons import read_comparisons
 from stages.export_container import ExportContainerParameters, export_container
 from stages.hiding.sealing import SEAL
+from tests.running import run_stage
 from tests.workflows.secret_windows import SecretWindows, everything_in, open_to_others, pieces_of
 
 REPOSITORY = Path(__file__).parents[2]

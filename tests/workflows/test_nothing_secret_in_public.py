@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.artifact import Artifact
-from pipeline.stage import Item, run_stage
+from pipeline.stage import Item
 from stages.add_grain import AddGrainParameters, add_grain
 from stages.compare_with_paper import CompareWithPaperParameters, compare_with_paper
 from stages.draw_key import DrawKeyParameters, draw_key
@@ -19,6 +19,7 @@ from stages.export_container import ExportContainerParameters, export_container
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.report import ReportParameters, report
 from stages.seal import SealParameters, seal
+from tests.running import run_stage
 from tests.stages.small import message_views, scene
 from tests.workflows.secret_windows import SecretWindows, everything_in, pieces_of
 

@@ -12,7 +12,6 @@ import pytest
 import torch
 
 from pipeline.artifact import create, load
-from pipeline.stage import run_stage
 from stages.analysis.comparisons import read_comparisons
 from stages.analysis.measurements import read_measurements
 from stages.analysis.verdicts import IS_YOURS
@@ -26,6 +25,7 @@ from stages.imaging.psnr import psnr
 from stages.scene.cameras import Camera, single_cameras
 from stages.scene.moved_splats import chosen
 from stages.seal import SealParameters, seal
+from tests.running import run_stage
 from tests.stages import small
 from tests.stages.analysis.attacks.containers import MESSAGE, cameras, target_and_owner
 from tests.stages.scene.splat_files.files import write_ply

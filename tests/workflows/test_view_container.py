@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from pipeline.artifact import create, load
-from pipeline.stage import run_stage
 from stages.export_container import ExportContainerParameters, export_container
 from stages.hiding.storage import write_container, write_secret
+from tests.running import run_stage
 from tests.stages import small
 from tests.stages.analysis.attacks.containers import target_and_owner
 from tests.workflows.test_published import REPOSITORY, run

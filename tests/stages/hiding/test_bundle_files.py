@@ -19,7 +19,6 @@ from hypothesis import strategies as st
 
 from pipeline.artifact import create, load
 from pipeline.errors import UserError
-from pipeline.stage import run_stage
 from stages.export_container import ExportContainerParameters, export_container
 from stages.hiding.bundle_files import read_container_bundle, read_secret_bundle
 from stages.hiding.fitting import fitted_method
@@ -31,6 +30,7 @@ from stages.import_container import ImportContainerParameters, import_container
 from stages.scene.gaussians import gaussians_at
 from stages.scene.ply.reading import read_ply
 from stages.scene.ply.writing import write_ply
+from tests.running import run_stage
 
 SETTINGS = {"feature_dim": 5, "layers": 3, "decoder_width": 12, "precision": "float32"}
 MESSAGE = "a-name-that-no-error-tells"

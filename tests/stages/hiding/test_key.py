@@ -10,10 +10,10 @@ import torch
 
 from pipeline.artifact import Artifact, create, load
 from pipeline.errors import UserError
-from pipeline.stage import run_stage
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.hiding.key import APART, KEY_BYTES, generator_apart, key_apart, key_generator, write_key
 from stages.hiding.watermark.coins import thrown
+from tests.running import run_stage
 from tests.stages.small import message_views, scene
 
 

@@ -13,7 +13,6 @@ from pydantic import ValidationError
 import stages.hiding.methods
 from pipeline.artifact import create, load
 from pipeline.errors import UserError
-from pipeline.stage import run_stage
 from stages.analysis.measurements import read_measurements
 from stages.analysis.secrecy.readers import has_start
 from stages.attack import AttackParameters, attack
@@ -24,6 +23,7 @@ from stages.hiding.key import KEY_BYTES, write_key
 from stages.hiding.method import build_method
 from stages.hiding.method_names import method_names
 from stages.imaging.metric_table import read_rows
+from tests.running import run_stage
 from tests.stages.small import message_views, scene
 
 SOURCE = '''

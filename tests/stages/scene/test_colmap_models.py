@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from pipeline.errors import UserError
-from pipeline.stage import run_stage
 from stages.imaging.pictures import encode_jpeg, read_picture
 from stages.photos import PhotosParameters, photos
 from stages.scene.capture import picture_path, read_capture
 from stages.scene.colmap import read_colmap_model
 from stages.scene.lens import MODELS, Lens
 from stages.sfm import SfmParameters, sfm
+from tests.running import run_stage
 from tests.stages.scene.rigs import arc
 from tests.stages.test_sfm import SIZE, photograph
 

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from pipeline.artifact import Artifact, create, load
 from pipeline.canonical import Json
 from pipeline.errors import UserError
-from pipeline.stage import Services, run_stage
+from pipeline.stage import Services
 from stages.imaging.pictures import encode_png
 from stages.photos import PhotosParameters, photos
 from stages.scene.alignment import nearest_depth, project
@@ -26,6 +26,7 @@ from stages.scene.ply.writing import write_ply
 from stages.scene.scene import read_scene
 from stages.scene.world_scale import world_scale_of
 from stages.sfm import SfmParameters, points_to_keep
+from tests.running import run_stage
 from tests.stages.scene.rigs import arc
 from tests.stages.scene.test_colmap_points import binary_point
 from tests.stages.test_sfm import (

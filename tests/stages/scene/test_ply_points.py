@@ -11,7 +11,7 @@ import pytest
 
 from pipeline.artifact import Artifact
 from pipeline.errors import UserError
-from pipeline.stage import Services, run_stage
+from pipeline.stage import Services
 from stages.imaging.pictures import encode_png
 from stages.photos import PhotosParameters, photos
 from stages.scene.capture import read_capture
@@ -19,6 +19,7 @@ from stages.scene.ply.writing import write_ply
 from stages.scene.ply_points import COUNTED, GREY
 from stages.scene.scene import read_scene
 from stages.sfm import SfmParameters, sfm
+from tests.running import run_stage
 
 VIEWS, SIZE = 4, (40, 30)
 

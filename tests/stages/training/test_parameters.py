@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.stage import run_stage
 from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.hiding import harmonics
 from stages.hiding.rendering import COVER
 from stages.training.loop import Training
 from stages.training.parameters import TrainingParameters
+from tests.running import run_stage
 from tests.stages.small import message_views, scene
 
 

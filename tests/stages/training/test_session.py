@@ -11,11 +11,12 @@ import torch
 
 from opencl.memory import TorchMemory
 from pipeline.errors import UserError
-from pipeline.stage import Services, run_stage
+from pipeline.stage import Services
 from stages.scene.gaussians import Gaussians
 from stages.train_scene import TrainSceneParameters, train_scene
 from stages.training.divergence import refuse_divergence
 from stages.training.loop import Training
+from tests.running import run_stage
 from tests.stages import small
 from tests.stages.training.trainings import prepared
 

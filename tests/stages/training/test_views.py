@@ -9,7 +9,6 @@ import pytest
 import torch
 
 from pipeline.errors import UserError
-from pipeline.stage import run_stage
 from stages.add_grain import AddGrainParameters, add_grain
 from stages.hide_image import chosen_view
 from stages.hiding.rendering import COVER
@@ -17,6 +16,7 @@ from stages.hiding.watermark.reading import owners_reader
 from stages.scene.cameras import single_cameras
 from stages.scene.scene import read_scene
 from stages.training.views import training_views
+from tests.running import run_stage
 from tests.stages import small
 from tests.stages.test_hide_image import key_of
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.artifact import Artifact, create, load
-from pipeline.stage import Item, run_stage
+from pipeline.stage import Item
 from stages.analysis.measurements import KIND, Measurement, write_measurements
 from stages.analysis.paper.runs import Experiment
 from stages.analysis.paper.secrecy_figures import Kind, noise_of
@@ -37,6 +37,7 @@ from stages.analysis.secrecy.conditions import (
     VIEWS_SEEN,
 )
 from stages.compare_with_paper import CompareWithPaperParameters, compare_with_paper
+from tests.running import run_stage
 from tests.stages.test_compare_with_paper import table
 
 FLOOR, OWNERS = 15.0, 25.0

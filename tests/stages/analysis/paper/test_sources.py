@@ -8,12 +8,13 @@ from pathlib import Path
 import pytest
 
 from pipeline.artifact import Artifact, create, load
-from pipeline.stage import Item, run_stage
+from pipeline.stage import Item
 from stages.analysis.measurements import Measurement, write_measurements
 from stages.analysis.picture_classes import HIDDEN
 from stages.analysis.stegexpose.fusion import DETECTORS, FUSION
 from stages.compare_with_paper import CompareWithPaperParameters, compare_with_paper
 from stages.imaging.metric_table import MetricRow
+from tests.running import run_stage
 from tests.stages.analysis.paper import synthetic
 from tests.stages.test_report import Reader
 
