@@ -50,7 +50,7 @@ def thrown(count: int, generator: np.random.Generator) -> Coins:
 
 def with_decoys(count: int, generator: np.random.Generator) -> Float[Tensor, "N K"]:
     """The signs that `thrown` draws first, followed by `DECOYS` further draws, which are the same for every picture."""
-    throws = np.empty((count, 1 + DECOYS), np.float32)
+    throws = np.empty((count, 1 + DECOYS), np.float32)  # filled by columns: stacked, they would be held in double, too
     for column in range(1 + DECOYS):
         throws[:, column] = thrown(count, generator)
     return torch.from_numpy(throws)
