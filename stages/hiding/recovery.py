@@ -22,7 +22,7 @@ from stages.hiding.unmixing import unmixing
 from stages.scene.garbage import LARGEST
 from stages.scene.gaussians import Gaussians
 from stages.scene.moved_splats import mirrored, moved
-from stages.scene.registration import Registration, register
+from stages.scene.registration import Registration, register, register_scattered
 from stages.scene.similarity import Similarity
 
 PAIRS_A_CHANNEL = 3
@@ -90,7 +90,8 @@ def recovered(found: Gaussians, published: Gaussians, seed: int) -> Recovery | N
 
     First, a motion of the world is found and undone (`register`), including its effect on shapes and on spherical
     harmonics, if the method has some. If positions do not determine the motion, the mirror image of the container is
-    tried, too, and used if it contains more of what was published. Then an affine map is fitted that carries the
+    tried, too, and used if it contains more of what was published; if there is no motion of the whole at all, shapes
+    alone pair Gaussians (`register_scattered`). Then an affine map is fitted that carries the
     activated features of paired Gaussians to the published ones (`unmixing`), and applied to all features. This
     restores what was rotated, and what was removed as far as other channels determine it. The map has M (M + 1)
     numbers, too few to carry a message of its own. Found features may have another number of channels. Gaussians
@@ -137,6 +138,8 @@ def _registered(found: Gaussians, published: Gaussians, seed: int) -> tuple[Gaus
     of_image = register(image, published, seed)
     if of_image is not None and (as_found is None or of_image.found_again > as_found.found_again):
         return image, of_image
+    if as_found is None:
+        return found, register_scattered(found, published, seed)
     return found, as_found
 
 

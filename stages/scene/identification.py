@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
 from stages.scene.gaussians import Gaussians
-from stages.scene.registration import Registration, register
+from stages.scene.registration import Registration, register, register_scattered
 from stages.scene.shape_pairs import ALIKE, typical_distance
 from stages.scene.similarity import Similarity
 
@@ -43,14 +43,14 @@ def identified(found: Gaussians, published: Gaussians, seed: int, others: Sequen
     """For each published Gaussian, the row of the found one that it is, or `MISSING`; no row appears twice.
 
     Found Gaussians may be moved as a whole (see `register`, which takes `seed`), missing, doubled, added or reordered,
-    and each may be changed slightly. Positions, sizes, opacities and `others` are compared. A candidate must be alike
-    in more than half of these kinds of values; of several, the one with the smallest Σ log(1 + d²) over kinds is
-    chosen. A thief who shifts every Gaussian slightly leaves the shapes intact, and one who puts decoys in their places
-    cannot give these all attributes of the originals without changing the cover. All values must be finite; either side
-    may be empty.
+    and each may be changed slightly, or shifted to anywhere (`register_scattered`). Positions, sizes, opacities and
+    `others` are compared. A candidate must be alike in more than half of these kinds of values; of several, the one
+    with the smallest Σ log(1 + d²) over kinds is chosen. A thief who shifts every Gaussian slightly leaves the shapes
+    intact, and one who puts decoys in their places cannot give these all attributes of the originals without changing
+    the cover. All values must be finite; either side may be empty.
     """
     rows = np.full(len(published), MISSING, dtype=np.int64)
-    registration = register(found, published, seed)
+    registration = register(found, published, seed) or register_scattered(found, published, seed)
     if registration is None:
         return rows
     kinds = [*_geometry(found, published, registration.motion), *others]

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
 from stages.scene.gaussians import Gaussians
@@ -97,6 +97,24 @@ def register(found: Gaussians, published: Gaussians, seed: int) -> Registration 
     return None
 
 
+def register_scattered(found: Gaussians, published: Gaussians, seed: int) -> Registration | None:
+    """The registration if each Gaussian was shifted by itself, too far for `register` to see a motion of the whole.
+
+    Pairs are those with exactly the same sizes and opacity. If these are `ENOUGH` of the found or the published ones,
+    whichever are fewer, it is certain that one was made from the other; else the answer is None, as it is if either has
+    none. The motion is the simplest that fits the pairs, up to what their shifts leave open. `seed` as in `register`.
+    """
+    if not len(found) or not len(published):
+        return None
+    rows, partners, alike = pairs_by_shape(found, published, any_scale=False, seed=seed)
+    if not _are_enough(found, published, alike):
+        return None
+    rows, partners = rows[alike], partners[alike]
+    motion = _simplest(_means(published)[partners], _means(found)[rows], Similarity.identity())
+    matched, found_again = _known_by_shape(found, published, alike)
+    return Registration(motion, rows, partners, matched, found_again, is_certain=True, by_place=False)
+
+
 class _Places:
     """Published Gaussians, and the distance within which a found one is taken for one of them."""
 
@@ -149,10 +167,21 @@ def _by_shape(found: Gaussians, published: Gaussians, any_scale: bool, seed: int
     if pairs is None:
         return None
     motion = _simplest(source[pairs], target[pairs], Similarity.identity())
-    matched = float(np.count_nonzero(alike & pairs)) / min(len(found), SAMPLED)
-    known, needed = matched * len(found), max(FEWEST, ENOUGH * min(len(found), len(published)))
-    found_again = min(1.0, known / len(published))
-    return Registration(motion, rows[pairs], partners[pairs], matched, found_again, known >= needed, by_place=False)
+    matched, found_again = _known_by_shape(found, published, alike & pairs)
+    is_certain = _are_enough(found, published, alike & pairs if any_scale else alike)
+    return Registration(motion, rows[pairs], partners[pairs], matched, found_again, is_certain, by_place=False)
+
+
+def _known_by_shape(found: Gaussians, published: Gaussians, alike: Bool[np.ndarray, " P"]) -> tuple[float, float]:
+    """`matched` and `found_again`, from which pairs of a sample have exactly the same shape."""
+    matched = float(np.count_nonzero(alike)) / min(len(found), SAMPLED)
+    return matched, min(1.0, matched * len(found) / len(published))
+
+
+def _are_enough(found: Gaussians, published: Gaussians, alike: Bool[np.ndarray, " P"]) -> bool:
+    """Whether shapes reach `ENOUGH`, wherever their Gaussians lie: each may have been shifted by itself."""
+    matched, _ = _known_by_shape(found, published, alike)
+    return matched * len(found) >= max(FEWEST, ENOUGH * min(len(found), len(published)))
 
 
 def _simplest(source: Float[np.ndarray, "P 3"], target: Float[np.ndarray, "P 3"], without: Similarity) -> Similarity:

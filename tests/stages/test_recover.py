@@ -151,7 +151,8 @@ def with_invisible(target: Target, times: int) -> Target:
 def test_what_was_not_made_from_it_is_refused(tmp_path: Path) -> None:
     target, _ = target_and_owner("homogeneous")
     published = stored(tmp_path / "published", target)
-    strange = stored(tmp_path / "strange", changed(target, "means", lambda means: means.flip(0) * 3))
+    moved_away = changed(target, "means", lambda means: means.flip(0) * 3)
+    strange = stored(tmp_path / "strange", changed(moved_away, "log_scales", lambda sizes: sizes.flip(0) - sizes))
     said = refused(tmp_path, strange, published)
     assert "matches nothing that was published" in said
     assert "found 200 Gaussians" in said

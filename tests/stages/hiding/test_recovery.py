@@ -112,6 +112,22 @@ def test_a_mirror_image_of_which_each_was_shifted_is_known_by_shapes() -> None:
     assert recovery.is_certain
 
 
+@pytest.mark.parametrize("shift", [1.0, 30.0])
+def test_what_was_shifted_too_far_for_any_motion_is_known_by_shapes_for_certain(shift: float) -> None:
+    published = container()
+    found = mixed(published, 6)
+    noise = shift * torch.randn(COUNT, 3, generator=torch.Generator().manual_seed(0))
+    found = Gaussians(found.parameters | {"means": found.means + noise})
+    recovery = recovered(found, published, 0)
+    assert recovery is not None
+    assert recovery.is_certain
+    assert recovery.found_again > 0.99
+    assert not recovery.mirrored
+    assert not is_motion(recovery.motion)
+    assert torch.equal(recovery.gaussians.means, found.means)
+    assert torch.allclose(recovery.gaussians[FEATURES].sigmoid(), published[FEATURES].sigmoid(), atol=SAME)
+
+
 @pytest.mark.parametrize("as_it_was", [0.3, 0.7])
 def test_of_both_the_mirror_image_and_what_is_not_the_larger_part_counts(as_it_was: float) -> None:
     published = container()

@@ -11,6 +11,7 @@ from stages.scene import identification
 from stages.scene.gaussians import Gaussians
 from stages.scene.identification import MISSING, PAIRED, identified
 from stages.scene.moved_splats import chosen, moved
+from stages.scene.registration import register
 from tests.stages.scene.test_registration import motion, scene, shaken
 
 COUNT = 1500
@@ -36,6 +37,17 @@ def test_shifted_and_moved_gaussians_are_told_by_their_shapes(shift: float, scal
     expected = np.full(COUNT, MISSING)
     expected[kept.numpy()] = np.arange(len(kept))
     assert right(identified(found, published, 0), expected) > 0.99
+
+
+@pytest.mark.parametrize("shift", [1.0, 30.0])
+def test_gaussians_shifted_too_far_for_any_motion_are_told_by_all_else(shift: float) -> None:
+    published, strangers = scene(0), scene(5)
+    colours, others = np.random.default_rng(4).random((2, COUNT, 3))
+    found = shaken(published, "means", shift)
+    assert register(joined(strangers, found), published, 0) is None
+    rows = identified(joined(strangers, found), published, 0, [(np.concatenate([others, colours]), colours)])
+    assert right(rows, COUNT + np.arange(COUNT)) > 0.99
+    assert (identified(strangers, published, 0, [(others, colours)]) == MISSING).all()
 
 
 def test_what_was_done_to_everything_a_little_is_forgiven() -> None:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from stages.scene.gaussians import Gaussians
 from stages.scene.moved_splats import chosen, moved
-from stages.scene.registration import Registration, register
+from stages.scene.registration import Registration, register, register_scattered
 from stages.scene.similarity import Similarity
 
 COUNT = 1500
@@ -118,6 +118,41 @@ def test_where_places_and_shapes_are_noisy_it_is_known_but_not_for_certain() -> 
     registration = check(register(found, published, 0), Similarity.identity(), 0.01)
     assert not registration.is_certain
     assert registration.matched < 0.25
+
+
+def test_shapes_are_certain_where_hardly_any_agree_on_a_motion() -> None:
+    """Each was shifted by itself, so far that less than a quarter lie within reach of the motion that they agree on."""
+    published = scene(0)
+    registration = register(shaken(published, "means", 0.06), published, 0)
+    assert registration is not None
+    assert registration.is_certain
+    assert registration.matched < 0.25
+
+
+@pytest.mark.parametrize(("share", "is_known"), [(0.2, False), (0.3, True)])
+def test_what_was_scattered_is_known_if_a_quarter_kept_their_shapes(share: float, is_known: bool) -> None:
+    published = scene(0)
+    scattered = shaken(published, "means", 30.0)
+    other = shaken(scattered, "log_scales", 1.0)
+    kept = torch.arange(COUNT) < share * COUNT
+    sizes = torch.where(kept[:, None], scattered["log_scales"], other["log_scales"])
+    found = Gaussians(scattered.parameters | {"log_scales": sizes})
+    assert register(found, published, 0) is None
+    registration = register_scattered(found, published, 0)
+    assert (registration is not None) == is_known
+    assert register_scattered(scene(5), published, 0) is None
+    assert register_scattered(pruned(published, 1.0), published, 0) is None
+    if registration is not None:
+        assert registration.is_certain
+        assert is_identity(registration.motion)
+        assert np.mean(registration.found == registration.published) > 0.99
+
+
+def test_a_scattered_scene_may_be_moved_too() -> None:
+    published, expected = scene(0), motion(6)
+    found = shaken(moved(published, expected), "means", 1.0)
+    registration = register_scattered(found, published, 0)
+    check(registration, expected, 4 / np.sqrt(COUNT))
 
 
 def test_sizes_may_be_noisy_and_axes_change_places() -> None:
