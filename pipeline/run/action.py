@@ -24,11 +24,11 @@ from pipeline.checkpoint import discard_scratch, scratch_directory
 from pipeline.code.declaration import check_completed, import_stage, is_unrepeatable, validate
 from pipeline.code.fingerprint import Code
 from pipeline.code.loaded_code import LoadedCode
-from pipeline.disk import IN_WORDS, bytes_below, leads_elsewhere, words_of
+from pipeline.disk import bytes_below, leads_elsewhere
 from pipeline.errors import CorruptArtifact, Interrupted, PipelineError, TransientError, UserError
 from pipeline.events import Noted, StageProgressed, StageStarted
-from pipeline.plain_text import without_controls
 from pipeline.provenance import machine, now, versions_of
+from pipeline.run.cause import cause_of
 from pipeline.run.executor import Tell
 from pipeline.run.process import nobody_else_reads
 from pipeline.run.remarks import remarks_on
@@ -52,7 +52,6 @@ from pipeline.store.store import Store
 
 TELL_EVERY = 0.25  # seconds between two progress events
 LOOK_EVERY = 0.2  # seconds between two checks of the stop flag
-LONGEST_CAUSE = 500  # characters
 
 
 @dataclass(frozen=True)
@@ -140,7 +139,7 @@ def perform(job: Job, tell: Tell) -> Outcome:
     try:
         return _perform(job, tell)
     except (OSError, PipelineError) as error:  # outside the stage: no lock, no log, no input fetched, or `gc` at work
-        return Outcome("failed", cause=_cause(error, job.store), transient=isinstance(error, TransientError))
+        return Outcome("failed", cause=cause_of(error, job.store), transient=isinstance(error, TransientError))
 
 
 def _perform(job: Job, tell: Tell) -> Outcome:
@@ -210,7 +209,7 @@ def _logged(job: Job, store: Store, tell: Tell, action: _Action) -> Outcome:
         log.traceback()
         damaged = action.damaged_inputs(error) if isinstance(error, CorruptArtifact) else ()
         state: Literal["damaged", "failed"] = "damaged" if damaged else "failed"
-        cause = _cause(error, store.root, bytes_below(work))
+        cause = cause_of(error, store.root, bytes_below(work))
         transient = isinstance(error, TransientError)
         return Outcome(state, time.monotonic() - started, None, cause, damaged, log=path, transient=transient)
     finally:
@@ -398,16 +397,3 @@ def from_accepted(store: Store, upstream: Mapping[str, str]) -> list[str]:
 def _accepted_fact(record: Record) -> dict[str, Json]:
     notes = [f"{note['when']} although {', '.join(note['changes'])}" for note in record.accepted]
     return {"accepted": "; ".join(notes)} if notes else {}
-
-
-def _cause(error: BaseException, store: Path | str, written: int = 0) -> str:
-    """One line for a person: our own messages as they are, disk errors in words, other errors with their type.
-
-    It has no controls: it may quote names from a stranger's files.
-    """
-    if isinstance(error, OSError) and error.errno in IN_WORDS:
-        return without_controls(words_of(error, store, written))
-    lines = str(error).strip().splitlines() or [""]
-    if isinstance(error, PipelineError):
-        return without_controls(" ".join(line.strip() for line in lines))
-    return without_controls(f"{type(error).__name__}: {lines[0]}"[:LONGEST_CAUSE])

@@ -1,4 +1,4 @@
-"""Causes of failures, worded so that they can be part of a key: the same failure gives the same words every time."""
+"""Causes of failures, in words: for a person, and for a key, where the same failure gives the same words every time."""
 
 from __future__ import annotations
 
@@ -6,9 +6,13 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
+from pipeline.disk import IN_WORDS, words_of
+from pipeline.errors import PipelineError
+from pipeline.plain_text import without_controls
 from pipeline.store.store import Store
 from pipeline.workflow.graph import Node
 
+LONGEST_FOREIGN = 500  # characters of a message that is not ours
 LONGEST = 4000  # characters; generous, since the most useful part of a message, what to do, comes last
 VARYING = (
     (re.compile(r"(?<![\w.])/(?:[^\s/:;,'\"]+/)+"), ""),  # folders; the name at the end of a path stays
@@ -17,9 +21,42 @@ VARYING = (
     (re.compile(r"\b[0-9.]+ ?(?:ms|s|seconds?|min|minutes?|h|hours?)\b"), "some time"),
     (re.compile(r"\b[0-9.]+ ?[kMGT]?i?B free\b"), "some free"),
     (re.compile(r"\bafter [0-9.]+ ?[kMGT]?i?B were written\b"), "after some were written"),
-    (re.compile(r"\b(pid|process) \d+\b"), r"\1 …"),
+    (re.compile(r"\b[0-9.]+ ?[kKMGT]?i?B(?= (?:is free|memory in use|is allocated|is reserved))"), "some"),
+    (re.compile(r"\b(pid|process) \d+\b", re.IGNORECASE), r"\1 …"),
     (re.compile(r"(?<=\d:)\d{4,5}\b"), "…"),  # ports
 )
+
+MORE_MEMORY = (
+    "If other stages or programs run at the same time: --workers 1, or stop them. Otherwise give the stage less to do "
+    "(smaller pictures, fewer Gaussians), or run it on a machine with more memory."
+)
+
+
+def cause_of(error: BaseException, store: Path | str, written: int = 0) -> str:
+    """One line for a person: our own messages as they are, disk errors in words, other errors with their type.
+
+    A disk error says how much was `written`, in bytes; a lack of memory, what to do. It has no controls: it may quote
+    names from a stranger's files.
+    """
+    if isinstance(error, OSError) and error.errno in IN_WORDS:
+        return without_controls(words_of(error, store, written))
+    lines = str(error).strip().splitlines() or [""]
+    if isinstance(error, PipelineError):
+        return without_controls(" ".join(line.strip() for line in lines))
+    cause = without_controls(f"{type(error).__name__}: {lines[0]}"[:LONGEST_FOREIGN])
+    return f"too little memory ({cause}). {MORE_MEMORY}" if _is_lack_of_memory(error) else cause
+
+
+def _is_lack_of_memory(error: BaseException) -> bool:
+    """Whether there was no memory left, of this machine or of a GPU; loads neither torch nor OpenCL to find out.
+
+    Their errors for a GPU have own types, which are no MemoryError; torch's for this machine is a RuntimeError.
+    """
+    return (
+        isinstance(error, MemoryError)
+        or type(error).__name__ in ("OutOfMemoryError", "MemoryError")
+        or (isinstance(error, RuntimeError) and "can't allocate memory" in str(error))
+    )
 
 
 def lasting_cause(node: Node, cause: str, store: Store) -> str:

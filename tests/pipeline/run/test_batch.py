@@ -10,7 +10,7 @@ import pytest
 
 from pipeline.errors import UserError
 from pipeline.events import StageEnded
-from pipeline.run.cause import lasting_words
+from pipeline.run.cause import cause_of, lasting_words
 from tests.pipeline.helpers import Ran, Workspace
 from tests.pipeline.run.test_runner import Watched
 
@@ -218,3 +218,22 @@ def test_a_cause_says_to_its_end_what_to_do() -> None:
     told = str(UserError("no photos", found="x" * 400, expected="photos " * 100, remedy="Take others."))
     assert lasting_words(told) == told.replace("  ", " ")
     assert lasting_words("endless " * 10_000).endswith("…")
+
+
+def test_a_lack_of_memory_says_what_to_do_and_lasts(tmp_path: Path) -> None:
+    """Torch's words for a GPU's tell how much each process has at that moment."""
+    said = (
+        "CUDA out of memory. Tried to allocate 2.00 GiB. GPU 0 has a total capacity of 79.15 GiB of which {} is free. "
+        "Process {} has {} memory in use. Of the allocated memory {} is allocated by PyTorch, and {} is reserved by "
+        "PyTorch but unallocated."
+    )
+    for_gpu = type("OutOfMemoryError", (RuntimeError,), {})
+    once = cause_of(for_gpu(said.format("1.20 GiB", 4711, "9.50 GiB", "8.00 GiB", "12.5 MiB")), tmp_path)
+    again = cause_of(for_gpu(said.format("3.40 GiB", 4712, "7.00 GiB", "6.00 GiB", "800.00 KiB")), tmp_path)
+    assert "Tried to allocate 2.00 GiB" in once
+    assert "--workers 1" in once
+    assert lasting_words(once) == lasting_words(again)
+    for_machine = RuntimeError("DefaultCPUAllocator: can't allocate memory: you tried to allocate 9 bytes.")
+    for error in (for_machine, MemoryError("Unable to allocate 3.00 GiB")):
+        assert "--workers 1" in cause_of(error, tmp_path)
+    assert cause_of(RuntimeError("no memory of it"), tmp_path) == "RuntimeError: no memory of it"
