@@ -148,6 +148,18 @@ def test_what_was_scattered_is_known_if_a_quarter_kept_their_shapes(share: float
         assert np.mean(registration.found == registration.published) > 0.99
 
 
+@pytest.mark.parametrize("kinds", [1, 3])
+def test_points_of_a_few_usual_sizes_are_not_known_by_these(kinds: int) -> None:
+    """As converters make them of any point cloud."""
+    usual = {
+        "log_scales": torch.arange(kinds).repeat(COUNT // kinds)[:, None].expand(-1, 3) * 0.5 - 4.0,
+        "logit_opacities": torch.full((COUNT,), 2.0),
+    }
+    published, stranger = (Gaussians(scene(seed).parameters | usual) for seed in (0, 5))
+    assert register(stranger, published, 0) is None
+    assert register_scattered(stranger, published, 0) is None
+
+
 def test_a_scattered_scene_may_be_moved_too() -> None:
     published, expected = scene(0), motion(6)
     found = shaken(moved(published, expected), "means", 1.0)
