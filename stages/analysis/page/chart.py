@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 WIDTH, HEIGHT = 420, 260
 LEFT, RIGHT, TOP, BOTTOM = 56, 24, 12, 34
@@ -32,7 +33,8 @@ class Tick:
 class Chart:
     """A chart's geometry. ``lines`` are names with the points of an SVG polyline; ``looks`` are their colour numbers.
 
-    ``axes`` are the labels of the horizontal and the vertical axis.
+    ``over`` says over how many earlier lines each runs in part: it would hide them if it were not dashed. ``axes`` are
+    the labels of the horizontal and the vertical axis.
     """
 
     title: str
@@ -40,6 +42,7 @@ class Chart:
     upward: tuple[Tick, ...]
     lines: tuple[tuple[str, str], ...]
     looks: tuple[int, ...]
+    over: tuple[int, ...]
     axes: tuple[str, str] = ("", "")
     width: int = WIDTH
     height: int = HEIGHT
@@ -80,13 +83,15 @@ def line_chart(
         across = LEFT + (WIDTH - LEFT - RIGHT) * (x - left) / (right - left)
         return across, TOP + (HEIGHT - TOP - BOTTOM) * (high - upward) / (high - low)
 
+    placed = [[place(*point) for point in each.points] for each in usable]
     levels = _decade_ticks(low, high) if logarithmic else _round_ticks(low, high)
     return Chart(
         title,
         tuple(Tick(place(x, 1)[0], f"{x:,g}") for x in _round_ticks(left, right)),
         tuple(Tick(place(0, y)[1], f"{y:,g}") for y in levels),
-        tuple((each.name, _polyline([place(*point) for point in each.points])) for each in usable),
+        tuple((each.name, _polyline(line)) for each, line in zip(usable, placed, strict=True)),
         looks,
+        tuple(_run_over_earlier(placed)),
         axes,
     )
 
@@ -118,6 +123,16 @@ def _decade_ticks(low: float, high: float) -> list[float]:
     marks = [step * 10.0**decade for decade in decades for step in steps]
     inside = [mark for mark in marks if low <= math.log10(mark) <= high]
     return inside if len(inside) >= 3 else _round_ticks(10**low, 10**high)
+
+
+def _run_over_earlier(lines: Iterable[Sequence[tuple[float, float]]]) -> Iterator[int]:
+    """Of each line, with how many before it it has a segment, or its only point, in common, to a whole pixel."""
+    drawn: list[set[tuple[tuple[int, int], tuple[int, int]]]] = []
+    for line in lines:
+        pixels = [(round(x), round(y)) for x, y in line]
+        segments = set(pairwise(pixels)) if len(pixels) > 1 else {(pixels[0], pixels[0])}
+        yield sum(not segments.isdisjoint(earlier) for earlier in drawn)
+        drawn.append(segments)
 
 
 def _polyline(points: Sequence[tuple[float, float]]) -> str:

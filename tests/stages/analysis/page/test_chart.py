@@ -32,6 +32,15 @@ def test_a_line_has_its_colour_whichever_others_there_are() -> None:
     assert chart.looks == (0, 2)
 
 
+def test_a_line_over_another_is_dashed_so_that_both_are_seen() -> None:
+    low, high = ((0.0, 1.0), (1.0, 2.0), (2.0, 2.0)), ((0.0, 1.0), (1.0, 2.0), (2.0, 5.0))
+    crossing = ((0.0, 5.0), (2.0, 1.0))
+    names = [Series("first", low), Series("crossing", crossing), Series("partly", high), Series("again", low)]
+    chart = line_chart("four", [*names, Series("a point", ((1.0, 1.5),)), Series("the same", ((1.0, 1.5),))])
+    assert chart is not None
+    assert chart.over == (0, 0, 1, 2, 0, 1)
+
+
 def test_equal_factors_are_equal_distances_on_a_logarithmic_axis() -> None:
     [line] = drawn(line_chart("loss", [Series("loss", ((0, 1), (10, 0.1), (20, 0.01)))], logarithmic=True))
     assert line[1][1] - line[0][1] == pytest.approx(line[2][1] - line[1][1], abs=0.11)
