@@ -161,11 +161,11 @@ def best_surrogate(experiments: Sequence[Experiment], share: float) -> str:
     return max(known, key=lambda each: known[each], default=SURROGATE)
 
 
-def best_surrogates(experiments: Sequence[Experiment], share: float) -> Measured:
-    """On each capture, the figure of the surrogate that shows most of the message there."""
+def best_surrogates(experiments: Sequence[Experiment], share: float, quantity: str = "psnr_covered") -> Measured:
+    """On each capture, a figure of the surrogate that shows most of the message there."""
 
     def best(own: Sequence[Experiment]) -> Measured:
-        return measured(own, "psnr_covered", best_surrogate(own, share), share)
+        return measured(own, quantity, best_surrogate(own, share), share)
 
     return on_each_capture(experiments, best)
 

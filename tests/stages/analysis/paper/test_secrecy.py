@@ -149,10 +149,25 @@ def test_surrogates_are_a_curve_over_what_leaked(made: dict[str, Artifact]) -> N
     assert coloured["0 %"] == "12.50 (r = 0.50 (0.25))"
     assert found["3DGS+SH", "decoder, trained"]["0 %"] == "18.00"
     page = made["owner"].file("report.html").read_text(encoding="utf-8")
-    for title in ("The message as shown by surrogates", "Correlation with the message"):
+    for title in ("The message as the best surrogate shows it", "Correlation with the message"):
         assert title in page
     for share in ("1%", "20%"):
         assert f"Does small M leak more? The best surrogate with {share} of the views" in page
+
+
+def test_curves_are_those_of_the_best_surrogate_whichever_it_is(tmp_path: Path) -> None:
+    """Ours, sealed, shows a trained decoder nothing, and the message to whoever paints the leaked views."""
+    drawn = []
+    for weak, strong in ((SURROGATE, PAINTED), (PAINTED, SURROGATE)):
+        rows = reading(OWNER, OWNERS, 0.95)
+        for share in SHARES:
+            rows += reading(weak, FLOOR - 1, 0.5, share, 0) + reading(strong, FLOOR + 20 * share, 0.8, share, 0)
+            rows.append(Measurement(VIEWS_SEEN, SHARES[share], SURROGATE, share, 0))
+        made = compared(tmp_path / weak, item(tmp_path / weak, "homogeneous", 16, rows))
+        [file] = [file for file in made["owner"].files if file.endswith(".svg")]
+        drawn.append(made["owner"].file(file).read_text(encoding="utf-8"))
+    assert drawn[0] == drawn[1]
+    assert "polyline" in drawn[0]
 
 
 def test_verdicts_can_fail(made: dict[str, Artifact]) -> None:
