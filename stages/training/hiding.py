@@ -97,8 +97,8 @@ class HidingParameters(TrainingParameters):
         "float32",
         description="Precision of the decoders. tf32: on NVIDIA GPUs, all convolutions multiply with 10-bit "
         "mantissas, as is torch's default there; elsewhere float32. bfloat16: all but the first and last convolution, "
-        "meant for GPUs; slower on CPUs, and messages lose 0.1 to 0.2 dB. Each is bit-reproducible for a fixed number "
-        "of threads.",
+        "for GPUs, and for decoders of 3 x 3 pixels on CPUs with AMX; slower for others there, and on other CPUs. It "
+        "costs messages about 0.1 dB. Each is bit-reproducible for a fixed number of threads.",
     )
 
     @model_validator(mode="before")

@@ -96,7 +96,7 @@ def clear_of_cameras(scene: Scene, points: Points) -> Int[np.ndarray, " K"]:
     """Indices of the points that are far enough from all training cameras.
 
     A message's surface right in front of a camera would veil the cover there, and few other cameras could correct it.
-    With such points, the kitchen's table veiled two of the fox's seven test views; one of them lost 11 dB.
+    With such points, the kitchen's table veiled two of the fox's seven test views; one of them lost 12 dB.
     """
     if len(points) == 0:
         return np.zeros(0, np.int64)
