@@ -78,7 +78,12 @@ class HidingParameters(TrainingParameters):
     sh_degree: int = Field(
         3, ge=0, le=3, description="Highest degree of spherical harmonics, in methods that use them."
     )
-    lambda_message: float = Field(0.5, ge=0, description="λ: the messages' weight in the total loss. homogeneous: 0.1.")
+    lambda_message: float = Field(
+        0.5,
+        ge=0,
+        description="λ: each message's weight in the total loss (the paper does not say whether several share it). "
+        "homogeneous: 0.1.",
+    )
     ssim_weight_cover: float = Field(0.2, ge=0, le=1, description="γ: SSIM's share of the cover's loss.")
     ssim_weight_message: float = Field(0.2, ge=0, le=1, description="β: SSIM's share of a message's loss.")
     initial_features: Literal["colors", "zeros"] = Field(

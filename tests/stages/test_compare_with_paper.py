@@ -324,3 +324,16 @@ def test_the_bytes_are_the_same_each_time(tmp_path: Path) -> None:
     items = list(synthetic.fidelity_items(tmp_path))
     digests = {compared(tmp_path / name, items, tables=EVERYTHING)["owner"].digest for name in ("one", "two")}
     assert len(digests) == 1
+
+
+def test_a_page_says_what_differs_from_the_paper_and_between_methods(tmp_path: Path) -> None:
+    """λ moves every difference between methods; only of the paper's captures can absolute figures be compared."""
+    items = list(synthetic.fidelity_items(tmp_path))
+    said = markdown(compared(tmp_path / "all", items, tables=("fidelity",)))
+    assert "λ of 0.5 with 3DGS+SH, 0.5 with 3DGS+Decoder, 0.5 with GS-Hider, 0.1 with Homogeneous GS-Hider" in said
+    assert "not absolute figures" in said
+    papers = [item for item in items if item.values["capture"] != "fox" and item.values["method"] != "homogeneous"]
+    said = markdown(compared(tmp_path / "papers", papers, tables=("fidelity",)))
+    assert "λ of" not in said
+    assert "The captures are the paper's." in said
+    assert "where messages lie are the workflow's" in said

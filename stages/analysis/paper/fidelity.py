@@ -81,8 +81,8 @@ def size_note(runs: Sequence[Run]) -> str:
     if any(math.isnan(total_bytes(run)) and not math.isnan(published_bytes(run)) for run in runs):
         included = "what is published, without the message decoder"
     return (
-        f"Size: {included}, as arrays. PLY files of 3DGS, 3DGS+SH and 3DGS+Decoder have 12 bytes a Gaussian more, "
-        "three normals of zero."
+        f"Size: {included}, as arrays. PLY files of 3DGS, 3DGS+SH and 3DGS+Decoder, and those of GS-Hider's "
+        "released code, have 12 bytes a Gaussian more, three normals of zero."
     )
 
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from stages.analysis.method_titles import METHOD_TITLES
 from stages.analysis.page.figures import WORDING
 from stages.analysis.page.html import fill, templates_beside
 from stages.analysis.page.summary import Tile
@@ -24,10 +25,12 @@ from stages.analysis.paper.robustness import robustness
 from stages.analysis.paper.rtws import rtws
 from stages.analysis.paper.runs import Study, capture_title, method_title
 from stages.analysis.paper.secrecy import secrecy
+from stages.analysis.paper.settings import usual_settings
 from stages.analysis.paper.several_messages import several_messages
 from stages.analysis.paper.single_image import single_image
 from stages.analysis.paper.sources import owner_sources
 from stages.analysis.paper.steganalysis import steganalysis
+from stages.hiding.method_names import PLAIN
 from stages.imaging.lpips_weights import HOW_TO_INSTALL
 
 RESOURCES = ("templates/*",)
@@ -88,8 +91,8 @@ def owner_page(study: Study, wanted: Sequence[str], tables: Published, title: st
     captures = ", ".join(map(capture_title, study.captures)) or "no capture"
     return TablesPage(
         f"{title}, compared with the paper",
-        f"Measured on {captures}, next to the GS-Hider paper's figures for nine captures of Mip-NeRF 360. Captures, "
-        "picture sizes and iterations differ: compare differences between methods, not absolute figures.",
+        f"Measured on {captures}, next to the GS-Hider paper's figures for nine captures of Mip-NeRF 360. "
+        f"{_what_differs(study, tables)}{_weights(study, tables)}",
         (
             *_relations_tile(relation for _, relation in titled),
             *(tile for chapter in chapters for tile in chapter.tiles),
@@ -122,6 +125,32 @@ def public_page(study: Study, private: Study, names_captures: bool) -> TablesPag
 def write_page(page: TablesPage) -> str:
     """The page as self-contained HTML."""
     return fill("tables.html", page, TEMPLATES)
+
+
+def _what_differs(study: Study, tables: Published) -> str:
+    if study.captures and all(capture in tables.captures for capture in study.captures):
+        return (
+            "The captures are the paper's. Picture sizes, iterations and where messages lie are the workflow's: before "
+            "comparing absolute figures, see that these are the paper's, too."
+        )
+    return (
+        "Captures, picture sizes, iterations and where messages lie differ: compare differences between methods, not "
+        "absolute figures."
+    )
+
+
+def _weights(study: Study, tables: Published) -> str:
+    """A sentence on λ if the methods shown differ in it, which moves all differences between them; else nothing."""
+    shown = {run.method for run in study.runs} | {experiment.method for experiment in study.experiments}
+    weights = {
+        method: usual_settings(method, tables.setup)["lambda_message"]
+        for method in METHOD_TITLES
+        if method in shown and method != PLAIN
+    }
+    if len(set(weights.values())) < 2:
+        return ""
+    said = ", ".join(f"{weight:g} with {METHOD_TITLES[method]}" for method, weight in weights.items())
+    return f" Unless a title or the command says otherwise, messages have a weight λ of {said}: less favours the cover."
 
 
 def _relations_tile(relations: Iterable[Relation]) -> list[Tile]:

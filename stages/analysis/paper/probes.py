@@ -37,7 +37,7 @@ def probes(study: Study, tables: Published) -> Chapter:
         ("Method", "Features", "Figures"),
         (*headings(study.captures)[:-1], "vs. one colour"),
         tuple(lines),
-        ("The geometry is the container's own, and the decoder is the secret one. The paper gives no figures.",),
+        ("The geometry is the container's own, and the decoder is the secret one. The preprint gives no figures.",),
     )
     return Chapter(
         "Is the message decoded, or memorised?", (without_empty_columns(grid),), tuple(relations), tuple(shown)

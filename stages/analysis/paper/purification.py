@@ -7,12 +7,15 @@ from collections.abc import Iterator
 from stages.analysis.attacks.catalogue import AttackName
 from stages.analysis.paper.attacked import Attacked
 from stages.analysis.paper.chapter import title_of
-from stages.analysis.paper.grid import HERE, PAPER, Cell, Grid, Line, average_cell
+from stages.analysis.paper.grid import HERE, Cell, Grid, Line, average_cell
 from stages.analysis.paper.measuring import Spread
 from stages.analysis.paper.published import Published
 from stages.analysis.paper.runs import capture_title
 
 VIEW_WEIGHTS: tuple[AttackName, AttackName] = ("view_weight_pruning", "view_weight_clustering")
+
+GSPURE = "GSPure"
+"""Marks the lines of that paper's figures."""
 
 NOT_REPRODUCED = (
     "GSPure (AAAI 2026) itself was not reproduced. Only its idea is used: Gaussians are clustered by their weight in "
@@ -34,7 +37,7 @@ def purification(attacked: Attacked, tables: Published) -> Grid:
             cells = tuple(average_cell("psnr", figure, attacked.captures) for figure in figures)
             ours.append(Line((title_of(method), HERE), cells))
     theirs = [
-        Line((name, PAPER), (*[Cell("")] * 4, Cell(f"{value:.2f}", "GSPure", Spread(value))), published=True)
+        Line((name, GSPURE), (*[Cell("")] * 4, Cell(f"{value:.2f}", "", Spread(value))), published=True)
         for name, value in tables.purification.items()
     ]
     return Grid(

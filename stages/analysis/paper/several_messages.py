@@ -33,6 +33,11 @@ from stages.analysis.paper.published import Published
 from stages.analysis.paper.runs import Run, Study, by_kind
 from stages.hiding.method_names import PLAIN
 
+NOTE = (
+    "The paper gives no figures, and does not say whether the messages share its λ. Here each has it, as the only one "
+    "would."
+)
+
 
 def several_messages(study: Study, tables: Published) -> Chapter:
     """The chapter of captures that hide one message and more; for each method, the fewest messages first."""
@@ -73,7 +78,7 @@ def _grid(quantity: str, split: str, kinds: Sequence[Kind], study: Study) -> Gri
             expected = quantity in LPIPS
             cells = measured_cells(quantity, measure(group, figure), reference, study.captures, expected)
             lines.append(Line((title, picture, HERE), (*_size(group, study.captures, scene, number is None), *cells)))
-    notes = ["The paper gives no figures."] if scene else []
+    notes = [NOTE] if scene else []
     spreads = noises(runs, study, quantity)
     if split == "test" and (scene or any(each.count for each in spreads.values())):
         notes.append(noise_note(spreads, quantity, " dB" if quantity == "psnr" else ""))

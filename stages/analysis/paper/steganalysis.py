@@ -7,14 +7,15 @@ from collections.abc import Iterator, Sequence
 
 from stages.analysis.attribute_histograms import GAUSSIANS
 from stages.analysis.learned_detection import LEARNED, TRAINING_SCENES
+from stages.analysis.method_titles import DECODER, GS_HIDER, SECOND_HARMONICS
 from stages.analysis.paper.attribute_tables import attribute_charts, attributes_grid
 from stages.analysis.paper.chapter import Chapter, title_of
-from stages.analysis.paper.detection import HIDING, UNNOTICED, ByMethod, area_of
+from stages.analysis.paper.detection import AS_IN_THE_PAPER, HIDING, UNNOTICED, ByMethod, Comparison, area_of
 from stages.analysis.paper.measuring import Measured, Noise, Spread
 from stages.analysis.paper.published import Published
 from stages.analysis.paper.relations import OnEachCapture, Relation
 from stages.analysis.paper.roc_charts import roc_charts
-from stages.analysis.paper.runs import Study, by_method
+from stages.analysis.paper.runs import Experiment, Study, by_method
 from stages.analysis.paper.steganalysis_tables import (
     areas_grid,
     counts_grid,
@@ -22,6 +23,7 @@ from stages.analysis.paper.steganalysis_tables import (
     learned_grid,
     summary_grid,
 )
+from stages.analysis.roc import Area
 from stages.analysis.stegexpose.fusion import FUSION
 
 DEVIATIONS = 2 * 1.96
@@ -45,6 +47,7 @@ def steganalysis(study: Study, tables: Published) -> Chapter:
         "Can it be detected?",
         tuple(grids),
         (
+            *_of_the_paper(by_stegexpose),
             *_relations(by_stegexpose, FUSION, "StegExpose"),
             *(
                 relation
@@ -63,11 +66,7 @@ def _by_method(study: Study, quantity: str) -> ByMethod:
 
 def _relations(experiments_of: ByMethod, quantity: str, detector: str) -> Iterator[Relation]:
     for method, experiments in experiments_of.items():
-        areas = {}
-        for capture in dict.fromkeys(each.capture for each in experiments):
-            area = area_of([each for each in experiments if each.capture == capture], quantity, HIDING)
-            if not math.isnan(area.low):  # too few views say nothing
-                areas[capture] = area
+        areas = _areas(experiments, quantity, HIDING)
         if areas:
             yield OnEachCapture(
                 f"{title_of(method)}: two-sided area of {detector}, renders that hide against renders that do not",
@@ -77,6 +76,39 @@ def _relations(experiments_of: ByMethod, quantity: str, detector: str) -> Iterat
                 Measured({capture: Spread(area.value) for capture, area in areas.items()}),
                 noise=_of_one([(area.high - area.low) / DEVIATIONS for area in areas.values()]),
             )
+
+
+def _of_the_paper(experiments_of: ByMethod) -> Iterator[Relation]:
+    """The paper's finding: of its methods, StegExpose tells GS-Hider's renders from photos the least."""
+    areas = {method: _areas(experiments, FUSION, AS_IN_THE_PAPER) for method, experiments in experiments_of.items()}
+    own = areas.get(GS_HIDER, {})
+    for method in (SECOND_HARMONICS, DECODER):
+        both = {capture: (area, own[capture]) for capture, area in areas.get(method, {}).items() if capture in own}
+        if both:
+            yield Relation(
+                f"StegExpose's two-sided area, renders that hide against photos: {title_of(method)}'s over that of "
+                f"{title_of(GS_HIDER)}",
+                "ratio",
+                "more than",
+                1.0,
+                Measured({capture: Spread(rival.value / least.value) for capture, (rival, least) in both.items()}),
+                noise=_of_one([_relative(rival, least) for rival, least in both.values()]),
+                source="shown",
+            )
+
+
+def _areas(experiments: Sequence[Experiment], quantity: str, comparison: Comparison) -> dict[str, Area]:
+    """The two-sided area on each capture where it has an interval: too few views say nothing."""
+    captures = dict.fromkeys(each.capture for each in experiments)
+    own = {capture: [each for each in experiments if each.capture == capture] for capture in captures}
+    areas = {capture: area_of(group, quantity, comparison) for capture, group in own.items()}
+    return {capture: area for capture, area in areas.items() if not math.isnan(area.low)}
+
+
+def _relative(rival: Area, least: Area) -> float:
+    """The standard deviation of the ratio of two areas."""
+    parts = ((area.high - area.low) / DEVIATIONS / area.value for area in (rival, least))
+    return rival.value / least.value * math.hypot(*parts)
 
 
 def _of_one(deviations: Sequence[float]) -> Noise:

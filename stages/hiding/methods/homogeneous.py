@@ -201,8 +201,8 @@ class Homogeneous(CoupledFeatures[HomogeneousDecoder]):
         """S · mean_i Σ_{k<l} s_k s_l + B · Σ_k mean_ij max(0, |r_kj| - s_k / 2), which separates the pictures.
 
         S and B are `SHARED_WEIGHT` and `BEYOND_WEIGHT`, s_k the shares of Gaussian i, r_kj its readings. Gradients
-        reach the features and the rows of readings; with these rows fixed, the fox would lose 0.5 dB of its cover. None without a
-        message or without Gaussians.
+        reach the features and the rows of readings; with these rows fixed, the fox's cover would lose 0.5 dB. None
+        without a message or without Gaussians.
         """
         if not self.messages or not len(gaussians):
             return None

@@ -162,6 +162,32 @@ def test_directions_do_not_cancel_and_controls_are_averaged_as_what_they_are_con
     assert relation.verdict.startswith("does not hold")
 
 
+def test_the_papers_finding_on_stegexpose_can_fail() -> None:
+    """That GS-Hider's renders are told from photos less than those of the others of its methods."""
+
+    def against_photos(method: str, capture: str, share: float) -> Experiment:
+        values = {PHOTOS: np.linspace(0, 1, VIEWS), HIDDEN: _above(share)}
+        rows = [
+            Measurement(name, float(v), c) for c, all_ in values.items() for v in all_ for name in (FUSION, *DETECTORS)
+        ]
+        return Experiment(capture, method, "0", tuple(rows), {})
+
+    shares = {"gs_hider": (0.7, 0.7), "sh": (0.95, 0.1), "decoder": (0.6, 0.45), "homogeneous": (1.0, 1.0)}
+    given = [
+        against_photos(method, capture, share)
+        for method, each in shares.items()
+        for capture, share in zip(("fox", "bonsai"), each, strict=True)
+    ]
+    found = {each.text: each for each in steganalysis(Study((), experiments=tuple(given)), read_published()).relations}
+    [of_sh] = [each for text, each in found.items() if "3DGS+SH's over that of GS-Hider" in text]
+    [of_decoder] = [each for text, each in found.items() if "3DGS+Decoder's over that of GS-Hider" in text]
+    assert of_sh.value == pytest.approx((0.95 / 0.7 + 0.9 / 0.7) / 2, abs=0.02)
+    assert of_sh.verdict == "holds"
+    assert of_decoder.value < 1
+    assert of_decoder.verdict.startswith("does not hold")
+    assert not [text for text in found if "Homogeneous" in text], "the paper says nothing of it"
+
+
 def test_two_trainings_of_a_scene_are_not_pooled() -> None:
     """Each is distinguished from its clean twin; how the trainings differ from each other does not matter."""
     rows = []

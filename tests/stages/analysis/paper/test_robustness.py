@@ -257,7 +257,7 @@ def test_without_a_sealed_container_nothing_is_said_of_seals(chapter: Chapter) -
 def test_purification(chapter: Chapter) -> None:
     found = written(chapter, "View-weight pruning")
     assert found["Homogeneous GS-Hider", "here"]["One by one"] == "5.00"
-    assert found["GS-Hider", "paper"]["By clusters, no floor"] == "10.16"
+    assert found["GS-Hider", "GSPure"]["By clusters, no floor"] == "10.16"
     [grid] = [grid for grid in chapter.grids if grid.caption.startswith("View-weight pruning")]
     assert any("GSPure (AAAI 2026) itself was not reproduced" in note for note in grid.notes)
 
