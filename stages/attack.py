@@ -102,10 +102,11 @@ def attack(context: Context, parameters: AttackParameters) -> None:
         context.stop_if_requested,
     )
     every = attacks(parameters.reoptimised)
+    chosen = {name: every[name] for name in parameters.attacks}
     rows = list(kept(context.scratch, name_on(drawn_by, UNATTACKED.encode()), assay.unattacked))
-    for done, name in enumerate(parameters.attacks):
-        context.progress(done, len(parameters.attacks))
-        rows += kept(context.scratch, name_on(drawn_by, name.encode()), partial(assay.curve, name, every[name]))
+    for done, (name, how) in enumerate(chosen.items()):
+        context.progress(done, len(chosen))
+        rows += kept(context.scratch, name_on(drawn_by, name.encode()), partial(assay.curve, name, how))
     write_measurements(context.output("measurements"), rows)
     context.record(device=drawn_by)
 

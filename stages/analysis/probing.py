@@ -15,8 +15,9 @@ from stages.analysis.fidelity import covered_psnrs
 from stages.analysis.probes import RawFeatures, run_name
 from stages.hiding.coupled import FEATURES
 from stages.hiding.method import Method
-from stages.imaging.metric_table import QUANTITIES, MetricRow
+from stages.imaging.metric_table import MetricRow
 from stages.imaging.pictures import picture_to_tensor
+from stages.imaging.quantities import QUANTITIES
 from stages.scene.cameras import single_cameras
 from stages.scene.gaussians import Gaussians
 from stages.scene.message_views import MessageViews

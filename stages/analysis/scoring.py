@@ -17,8 +17,9 @@ from stages.analysis.leakage import matched_correlations
 from stages.hiding.message_names import FEATURE_MAP
 from stages.hiding.opening import ReadContainer
 from stages.hiding.rendering import COVER, Rendering
-from stages.imaging.metric_table import QUANTITIES, MetricRow
+from stages.imaging.metric_table import MetricRow
 from stages.imaging.pictures import picture_to_tensor, tensor_to_picture
+from stages.imaging.quantities import QUANTITIES
 from stages.scene.gaussians import Gaussians
 from stages.scene.message_views import MessageViews
 from stages.scene.scene import Scene

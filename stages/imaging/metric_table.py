@@ -7,7 +7,6 @@ import json
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 from pipeline.artifact import Artifact, ArtifactWriter
 from pipeline.errors import UserError
@@ -20,7 +19,7 @@ class MetricRow:
     """One measured figure. A column that does not apply is ``None``.
 
     view: the picture's name; split: "train" or "test"; message: the message's name, None for the cover (rows with a
-    message are private); quantity and unit: see ``QUANTITIES``; value: NaN if it could not be measured;
+    message are private); quantity and unit: see `imaging/quantities.py`; value: NaN if it could not be measured;
     iteration: for curves, the training step after which it was measured; method: what produced the picture ("plain",
     "gs_hider", …), which selects the figure's row in a table.
     """
@@ -33,39 +32,6 @@ class MetricRow:
     message: str | None = None
     iteration: int | None = None
     method: str | None = None
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """A measured quantity: its unit, and whether "higher" or "lower" is better ("" if neither).
-
-    Labels and explanations belong to the report, so that rewording them never repeats a training.
-    """
-
-    unit: str
-    better: Literal["higher", "lower", ""]
-
-
-QUANTITIES: dict[str, Quantity] = {
-    "psnr": Quantity("dB", "higher"),
-    "ssim": Quantity("", "higher"),
-    "lpips_vgg": Quantity("", "lower"),
-    "lpips_alex": Quantity("", "lower"),
-    "psnr_covered": Quantity("dB", "higher"),
-    "ssim_covered": Quantity("", "higher"),
-    "psnr_constant": Quantity("dB", ""),
-    "coverage": Quantity("", "higher"),
-    "legal": Quantity("", ""),
-    "hides_image": Quantity("", ""),
-    "container_bytes": Quantity("bytes", "lower"),
-    "total_bytes": Quantity("bytes", "lower"),
-    "gaussians": Quantity("", "lower"),
-    "seconds_per_frame": Quantity("s", "lower"),
-    "seconds_per_feature_map": Quantity("s", "lower"),
-    "residual_correlation": Quantity("", ""),
-    "residual_correlation_others": Quantity("", ""),
-    "loss": Quantity("", "lower"),
-}
 
 
 def write_rows(writer: ArtifactWriter, rows: Iterable[MetricRow]) -> None:

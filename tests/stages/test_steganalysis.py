@@ -11,6 +11,7 @@ import pytest
 import torch
 
 from pipeline.artifact import Artifact, create, load
+from pipeline.errors import UserError
 from pipeline.stage import Item
 from stages.analysis.attribute_histograms import DIVERGENCE, ONLY_THERE, of_attribute
 from stages.analysis.learned_detection import LEARNED, TRAINING_PAIRS, TRAINING_SCENES
@@ -106,12 +107,12 @@ def stored_renders(folder: Path, seed: int, amplitude: float, method: str = "gs_
     return load(folder)
 
 
-def items(folder: Path, captures: Sequence[str], amplitude: float) -> tuple[Item, ...]:
+def items(folder: Path, captures: Sequence[str], amplitude: float, column: str = "seed") -> tuple[Item, ...]:
     folder.mkdir(parents=True)
     return tuple(
         Item(
             f"{n}_{capture}",
-            {"cover": capture, "method": "gs_hider"},
+            {"cover": capture, "method": "gs_hider", column: n},
             "renders",
             stored_renders(folder / f"{n}_{capture}", n, amplitude),
         )
@@ -120,12 +121,19 @@ def items(folder: Path, captures: Sequence[str], amplitude: float) -> tuple[Item
 
 
 def detected(
-    folder: Path, captures: Sequence[str], capture: str, method: str = "gs_hider", seed: int = 0, iterations: int = 15
+    folder: Path,
+    captures: Sequence[str],
+    capture: str,
+    method: str = "gs_hider",
+    seed: int = 0,
+    iterations: int = 15,
+    column: str = "seed",
 ) -> tuple[Measurement, ...]:
+    """Detections in rows that differ in this column."""
     given = {
-        "hidden": items(folder / "hidden", captures, 8),
-        "clean": items(folder / "clean", captures, 0),
-        "clean_again": items(folder / "again", captures, 0),
+        "hidden": items(folder / "hidden", captures, 8, column),
+        "clean": items(folder / "clean", captures, 0, column),
+        "clean_again": items(folder / "again", captures, 0, column),
     }
     parameters = DetectHiddenParameters(capture=capture, method=method, iterations=iterations, seed=seed)
     inputs = {name: tuple(item.artifact for item in each if item.artifact) for name, each in given.items()}
@@ -167,6 +175,14 @@ def test_each_training_of_a_scene_is_looked_at_by_itself(tmp_path: Path) -> None
     assert [row.value for row in rows if row.quantity == TRAINING_SCENES] == [1]
     views = [(row.seed, row.view) for row in rows if (row.quantity, row.condition) == ("learned_on_renders", HIDDEN)]
     assert views == [(training, f"{view:04d}") for training in (0, 1) for view in range(VIEWS)]
+
+
+@pytest.mark.parametrize("column", ["feature_dim", "own"])
+def test_variants_of_a_method_are_not_mixed(tmp_path: Path, column: str) -> None:
+    with pytest.raises(UserError, match=f"0_fox and 1_fox: .* several variants.* found different {column};"):
+        detected(tmp_path / "mixed", ["fox", "fox", "kitchen"], "fox", column=column)
+    assert detected(tmp_path / "one_each", ["fox", "kitchen"], "fox", iterations=1, column=column)
+    assert detected(tmp_path / "others", ["fox", "fox"], "fox", method="sh", column=column) == ()
 
 
 def test_trainings_of_one_scene_are_one_scene_to_learn_from(tmp_path: Path) -> None:

@@ -110,6 +110,7 @@ def test_comments_change_nothing(copied: Copied, workflow: str) -> None:
         ("opencl/rasterizer.py", RENDERING),
         ("stages/training/loop.py", {"train_scene", "hide_scenes"}),
         ("stages/draw_key.py", {"draw_key"}),
+        ("stages/imaging/quantities.py", {"evaluate", "report"}),
         ("stages/imaging/webm.py", {"render_path"}),
         ("opencl/bench/report.py", set()),
     ],

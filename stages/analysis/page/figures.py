@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from stages.imaging.metric_table import QUANTITIES
+from stages.imaging.quantities import QUANTITIES
 
 MISSING = "–"
 

@@ -11,7 +11,8 @@ from stages.analysis.page.figures import WORDING, label, write_figure
 from stages.analysis.page.found import Found
 from stages.analysis.page.headings import first_columns
 from stages.analysis.page.material import Material
-from stages.imaging.metric_table import QUANTITIES, MetricRow, mean_value
+from stages.imaging.metric_table import MetricRow, mean_value
+from stages.imaging.quantities import QUANTITIES
 
 PICTURE_QUANTITIES = ("psnr", "ssim", "lpips_vgg", "lpips_alex")
 COVERED_QUANTITIES = {"psnr_covered": "PSNR (dB)", "ssim_covered": "SSIM", "psnr_constant": "One colour (dB)"}

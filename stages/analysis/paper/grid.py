@@ -13,7 +13,7 @@ from stages.analysis.page.figures import MISSING, write_figure
 from stages.analysis.paper.measuring import UNKNOWN, Measured, Spread
 from stages.analysis.paper.published import Published, Row, average
 from stages.analysis.paper.runs import capture_title
-from stages.imaging.metric_table import QUANTITIES
+from stages.imaging.quantities import QUANTITIES
 from stages.scene.plurals import counted
 
 HERE, PAPER = "here", "paper"

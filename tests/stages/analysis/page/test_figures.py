@@ -5,7 +5,7 @@ import math
 import pytest
 
 from stages.analysis.page.figures import WORDING, label, write_figure, write_seconds
-from stages.imaging.metric_table import QUANTITIES
+from stages.imaging.quantities import QUANTITIES
 
 
 @pytest.mark.parametrize(
