@@ -33,12 +33,13 @@ CURVE_NOTE = (
     "leaves least of the message. So an attack that destroys the message and spares the cover is a vertical drop, and "
     "counts over the whole width. A loss of the cover of up to 0.05 dB counts as none. All seeds of an attack have the "
     "severities of the first: at each severity, cover and message are means over the seeds. On each capture, the width "
-    f"is the largest loss of the cover that all curves of GS-Hider and of ours reach, with any settings, but at least "
-    f"{LEAST_WIDTH:g} dB. Curves that end before continue level, which favours them if a stronger attack would take "
-    "more: those of 3DGS+SH and 3DGS+Decoder, and those of attacks that hardly change a cover. A message that reads "
-    "worse than the best single-colour picture is gone, and an owner who sees it says so: it counts as such a picture. "
-    "A seed with which a view of the cover can no longer be rendered does not count at that severity. ±: over n seeds "
-    "of the attack, by leaving out each in turn; for several captures, that of their mean."
+    "is the largest loss of the cover that all curves of GS-Hider and of ours reach, with any settings (of all "
+    f"methods, where neither has one), but at least {LEAST_WIDTH:g} dB. Curves that end before continue level, which "
+    "favours them if a stronger attack would take more: those of other methods, and those of attacks that hardly "
+    "change a cover. A message that reads worse than the best single-colour picture is gone, and an owner who sees it "
+    "says so: it counts as such a picture. A seed with which a view of the cover can no longer be rendered does not "
+    "count at that severity. ±: over n seeds of the attack, by leaving out each in turn; for several captures, that of "
+    "their mean."
 )
 
 READINGS: Mapping[Reading, str] = {
