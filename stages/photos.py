@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -16,7 +16,8 @@ from stages.imaging.pictures import encode_png, read_picture
 from stages.scene.camera_checks import refuse_far_poses
 from stages.scene.capture import Capture, KnownPoses, numbered, write_capture
 from stages.scene.colmap import models_beside, photos_in_model
-from stages.scene.given_poses import find_poses, known_points, known_poses, photo_finder, poses_at, read_poses
+from stages.scene.given_poses import find_poses, known_points, known_poses, poses_at, read_poses
+from stages.scene.held_out import held_out_photos
 from stages.scene.named_frames import find_posed_photos
 from stages.scene.photo_facts import PhotoFacts, as_posed, read_facts, taken_by
 from stages.scene.photo_folder import (
@@ -31,7 +32,7 @@ from stages.scene.photo_folder import (
 from stages.scene.picture_folder import find_pictures
 from stages.scene.plurals import agreeing, counted
 from stages.scene.splits import TEST, find_split_photos, find_splits, read_split_poses
-from stages.scene.transforms import FILE, held_out_files, masked_frames
+from stages.scene.transforms import FILE, masked_frames
 from stages.scene.unreadable import write_unreadable_names
 
 WHITE = "white"
@@ -108,7 +109,7 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
     copies = [] if posed or parameters.any_pictures else copies_among({name: found.photos[name] for name in facts})
     for name in copies:
         del facts[name]
-    poses, names = _poses(context, parameters, place, splits, facts)
+    poses, names, missing = _poses(context, parameters, place, splits, facts)
     if poses is not None:
         facts |= {name: as_posed(facts[name], lens) for name, lens in zip(names, poses.lenses, strict=True)}
     own = parameters.any_pictures and _are_own(parameters)
@@ -116,7 +117,7 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
         context.log(agreeing(len(names), f"no pictures given: your own {len(names)} photo[s] [is|are] tried"))
     unseen = files_not_among({*found.photos.values()}, parameters.folder) if parameters.any_pictures and not own else []
     _say_what_was_left_out(context, found, copies, unseen, broken, parameters.folder)
-    test_names = held_out_names(names, place, splits, parameters.folder)
+    test_names = _held_out_names(parameters, place, splits, names, facts, missing)
     capture = _capture(names, facts, found.photos, poses, test_names, parameters.order)
     _say_what_was_kept(context, capture, facts)
     places = {name: place for place, name in enumerate(names)}
@@ -175,10 +176,13 @@ def _poses(
     place: Path | None,
     splits: Mapping[str, Path],
     facts: Mapping[str, PhotoFacts],
-) -> tuple[KnownPoses | None, tuple[str, ...]]:
-    """The poses that came with the photos, and the names of the photos with poses; or None, and all names."""
+) -> tuple[KnownPoses | None, tuple[str, ...], list[str]]:
+    """The poses that came with the photos, the names of the photos with poses, and those of posed photos not there.
+
+    Without poses, None, the names of all photos, and no others.
+    """
     if place is None and not splits:
-        return None, tuple(facts)
+        return None, tuple(facts), []
     sizes = {name: one.size for name, one in facts.items()}
     resized = parameters.images is not None
     sideways = {name for name, one in facts.items() if one.turned in SIDEWAYS}
@@ -201,7 +205,7 @@ def _poses(
         context.log(
             f"model {other.name} beside it has poses of {counted(photos_in_model(other), 'photo')} and was not used"
         )
-    return poses, names
+    return poses, names, missing
 
 
 def _capture(
@@ -321,28 +325,19 @@ def picture_of(path: Path, background: str, turned: int) -> Path | bytes:
     return path if picture is None else encode_png(picture)
 
 
-def held_out_names(
-    names: Sequence[str], place: Path | None, splits: Mapping[str, Path], folder: Path
+def _held_out_names(
+    parameters: PhotosParameters,
+    place: Path | None,
+    splits: Mapping[str, Path],
+    names: Sequence[str],
+    photos: Collection[str],
+    missing: Collection[str],
 ) -> tuple[str, ...]:
-    """The photos that the files with poses hold out for testing; empty if they name none.
-
-    With a COLMAP model, a transforms.json beside it counts, too: nerfstudio makes one from the model and leaves it
-    there.
-    """
+    """Those of the `names` that the files with poses, or beside them, hold out for testing; empty if none are."""
     if splits:
         return tuple(name for name in names if name.startswith(f"{TEST}_"))
     if place is None:
         return ()
-    file = folder / FILE if place.is_dir() else place
-    held_out = set(map(photo_finder(names, file), _held_out_files(file, needed=not place.is_dir())))
+    given = [parameters.poses] if parameters.poses is not None and parameters.poses.is_dir() else []
+    held_out = held_out_photos(place, [*given, parameters.folder], photos, missing)
     return tuple(name for name in names if name in held_out)
-
-
-def _held_out_files(file: Path, needed: bool) -> list[str]:
-    """The names that a file holds out; none if it cannot be read and is not `needed`, since a model has the poses."""
-    try:
-        return held_out_files(file)
-    except UserError:
-        if needed:
-            raise
-        return []

@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
@@ -80,9 +80,21 @@ def frame_files(path: Path) -> list[str]:
 
 
 def held_out_files(path: Path) -> list[str]:
-    """The paths of the frames that nerfstudio's `test_filenames` holds out; empty if there is no such list."""
-    listed = _content(path).get("test_filenames", [])
-    return [_slashed(name) for name in listed if isinstance(name, str)] if isinstance(listed, list) else []
+    """The paths of the photos that nerfstudio's `test_filenames` holds out; empty if there is no such list.
+
+    The file needs no `frames`: beside a COLMAP model it may hold the list alone. Raises `UserError` if it is no JSON
+    object, or the list holds anything but text.
+    """
+    listed = _json_object(path).get("test_filenames") or []
+    if not isinstance(listed, list) or not all(isinstance(name, str) for name in listed):
+        raise UserError(
+            "the test photos cannot be read",
+            where=path,
+            found=f"test_filenames: {json.dumps(listed)}",
+            expected="test_filenames: a list of the paths of photos",
+            remedy="Repair the list, or take it out of the file.",
+        )
+    return [_slashed(name) for name in listed]
 
 
 def points_file(path: Path) -> str | None:
@@ -102,18 +114,30 @@ def _slashed(path: str) -> str:
 
 
 def _content(path: Path) -> Mapping[str, Any]:
+    content = _json_object(path)
+    if not isinstance(content.get("frames"), list):
+        raise _unreadable(path, "frames is missing, or not a list")
+    return content
+
+
+def _json_object(path: Path) -> Mapping[str, Any]:
     try:
         content = json.loads(path.read_text("utf-8-sig"))
-        if not isinstance(content["frames"], list):
-            raise ValueError("frames is not a list")
-    except (ValueError, KeyError, TypeError, OSError, RecursionError) as error:
-        raise UserError(
-            "a file of poses cannot be read",
-            where=path,
-            found=f"{type(error).__name__}: {error}",
-            expected="a JSON object with a list `frames`, as NeRF and instant-ngp write it",
-        ) from error
-    return cast(Mapping[str, Any], content)
+    except (ValueError, OSError, RecursionError) as error:
+        raise _unreadable(path, f"{type(error).__name__}: {error}") from error
+    if not isinstance(content, Mapping):
+        raise _unreadable(path, f"{json.dumps(content)}, which is no object")
+    return content
+
+
+def _unreadable(path: Path, found: str) -> UserError:
+    return UserError(
+        "a file of poses cannot be read",
+        where=path,
+        found=found,
+        expected="a JSON object with a list `frames`, as NeRF and instant-ngp write it",
+        remedy="Repair the file, or take it out of the folder.",
+    )
 
 
 def _posed_photo(

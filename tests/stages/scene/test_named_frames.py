@@ -119,16 +119,13 @@ def test_masks_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert recorded["masked"] == 1
 
 
-@pytest.mark.parametrize(("content", "held_out"), [(None, ["a.jpg"]), ("no JSON", None)])
-def test_the_split_beside_a_model_counts(tmp_path: Path, content: str | None, held_out: list[str] | None) -> None:
-    """nerfstudio leaves a transforms.json beside the model; any other file of that name is ignored."""
+def test_the_split_beside_a_model_counts(tmp_path: Path) -> None:
+    """nerfstudio leaves a transforms.json beside the model."""
     scan = tmp_path / "scan"
     write_text_model(scan / "colmap" / "sparse" / "0")
     for name in ("a.jpg", "b two.jpg"):
         take(scan / "images" / name, size=(640, 480))
     posed(scan, "images/a.jpg", "images/b two.jpg", test_filenames=["images/a.jpg"])
-    if content is not None:
-        (scan / "transforms.json").write_text(content)
     made = capture(scan, tmp_path / "out")
     assert made.attributes["poses"] == "colmap"
-    assert made.attributes.get("test_names") == held_out
+    assert made.attributes["test_names"] == ["a.jpg"]
