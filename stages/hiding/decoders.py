@@ -87,12 +87,21 @@ class Decoder(torch.nn.Sequential):
         """Replace every row r that reads centred features by r B, B = `back`: transformed features look as before.
 
         Features are centred at 0.5. Exact where the opacity is 1, except next to the picture's border with its zero
-        padding.
+        padding. The features are the first M inputs; inputs after them are read as before. Raises `UserError` for fewer
+        than M inputs.
         """
         first = self.convolutions[0]
-        before = first.weight.double().sum(dim=(2, 3))
-        first.weight.copy_(rows_along(first.weight.permute(0, 2, 3, 1), back).permute(0, 3, 1, 2))
-        after = first.weight.double().sum(dim=(2, 3))
+        if first.in_channels < len(back):
+            raise UserError(
+                "a decoder reads fewer inputs than there are features",
+                found=f"{first.in_channels} inputs",
+                expected=f"at least {len(back)}, the features first",
+                remedy="Give the scene decoder a read_along of its own.",
+            )
+        rows = first.weight[:, : len(back)]
+        before = rows.double().sum(dim=(2, 3))
+        rows.copy_(rows_along(rows.permute(0, 2, 3, 1), back).permute(0, 3, 1, 2))
+        after = rows.double().sum(dim=(2, 3))
         first.bias.add_((0.5 * (before - after).sum(dim=1)).float())
 
 

@@ -27,8 +27,8 @@ STANDARD_COLOURS = (SH_BASE, SH_REST)
 
 @runtime_checkable
 class FollowsFeatures(Protocol):
-    """A scene decoder that can compensate for a linear change of the features, its first layer's only input; see
-    `hiding.decoders.Decoder`. `reads_centred`: whether it reads features minus half the blended opacity."""
+    """A scene decoder that can compensate for a linear change of the features; see `hiding.decoders.Decoder`, whose
+    first inputs they are. `reads_centred`: whether it reads features minus half the blended opacity."""
 
     reads_centred: bool
 

@@ -6,6 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from pipeline.errors import UserError
 from stages.hiding import decoders
 from stages.hiding.convolution import Convolution
 from stages.hiding.decoders import Decoder, Precision, decode
@@ -68,3 +69,21 @@ def test_of_single_pixels_they_are_the_same_convolutions(monkeypatch: pytest.Mon
     monkeypatch.setattr(decoders, "works_in_place", lambda _: False)
     for one, other in zip(by_pixels, found(), strict=True):
         torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-4)
+
+
+def test_inputs_beyond_the_features_are_read_as_before() -> None:
+    torch.manual_seed(0)
+    decoder = Decoder(5, 3, width=8, kernel_size=1)
+    features, beyond = torch.rand(6, 7, 4), torch.rand(6, 7, 1)
+    turn = torch.linalg.qr(torch.randn(4, 4, dtype=torch.float64)).Q
+    turned = (0.5 + (features.double() - 0.5) @ turn.T).float()
+    with torch.no_grad():
+        before = decode(decoder, torch.cat([features, beyond], dim=-1))
+        decoder.read_along(turn.T)
+        after = decode(decoder, torch.cat([turned, beyond], dim=-1))
+    torch.testing.assert_close(after, before, rtol=0, atol=1e-5)
+
+
+def test_a_decoder_of_fewer_inputs_than_features_cannot_follow_them() -> None:
+    with pytest.raises(UserError, match="found 3 inputs; expected at least 4"):
+        Decoder(3, 3, width=8).read_along(torch.eye(4, dtype=torch.float64))

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from pydantic import ValidationError
 
 import stages.hiding.methods
 from pipeline.artifact import create, load
 from pipeline.errors import UserError
+from stages.analysis.attacks.features import channel_permutation, feature_mixing
+from stages.analysis.attacks.target import Target
 from stages.analysis.measurements import read_measurements
 from stages.analysis.secrecy.readers import has_start
 from stages.attack import AttackParameters, attack
@@ -22,8 +25,10 @@ from stages.hide_scenes import HideScenesParameters, hide_scenes
 from stages.hiding.key import KEY_BYTES, write_key
 from stages.hiding.method import build_method
 from stages.hiding.method_names import method_names
+from stages.hiding.rendering import COVER
 from stages.imaging.metric_table import read_rows
 from tests.running import run_stage
+from tests.stages.analysis.attacks.containers import shown, target_and_owner
 from tests.stages.small import message_views, scene
 
 SOURCE = '''
@@ -80,6 +85,36 @@ def with_table(method):
     method.networks["table"] = torch.nn.Linear(1, 1)
     return method
 """
+READS_OPACITY = '''
+"""GS-Hider whose decoders read one input more: the blended opacity."""
+
+import torch
+
+from stages.hiding.coupled import COUPLED_SETTINGS, FEATURES
+from stages.hiding.decoders import Decoder, decode
+from stages.hiding.methods.gs_hider import GSHider
+
+SETTINGS = COUPLED_SETTINGS
+
+
+class Own(GSHider):
+    name = "own"
+
+    def make_decoder(self, pictures, layers, width, kernel_size):
+        return Decoder(self.feature_dim + 1, 3 * pictures, layers, width, kernel_size)
+
+    def initial_attributes(self, colors, generator):
+        count = len(next(iter(colors.values())))
+        return {FEATURES: torch.from_numpy(generator.normal(size=(count, self.feature_dim))).float()}
+
+    def decoded(self, decoders, rendering, camera):
+        seen = torch.cat([rendering.feature_map, rendering.alphas[..., None]], dim=-1)
+        return [decode(decoder, seen, self.precision) for decoder in decoders]
+
+
+def build(settings):
+    return Own(**settings)
+'''
 COUPLED = {"feature_dim": 8, "layers": 2, "decoder_width": 12, "kernel_size": 3, "precision": "float32"}
 SMALL = {"method": "own", "own_settings": {"levels": 1}, "iterations": 4, "feature_dim": 8}
 
@@ -110,6 +145,18 @@ def test_it_is_trained_scored_and_attacked(tmp_path: Path, own: Path) -> None:
     conditions = {row.condition.partition(",")[0] for row in read_measurements(attacked)}
     assert {"channel_dropping", "rigid_motion"} <= conditions
     assert not {*turned} & conditions, "it cannot be turned"
+
+
+@pytest.mark.parametrize(("attacked", "severity"), [(channel_permutation, 16.0), (feature_mixing, 0.4)])
+def test_a_scene_decoder_follows_features_beside_which_it_reads_more(
+    own: Path, attacked: Callable[[Target, float, torch.Generator], Target], severity: float
+) -> None:
+    own.write_text(READS_OPACITY)
+    target, _ = target_and_owner("own")
+    changed = attacked(target, severity, torch.Generator().manual_seed(0))
+    cover = shown(target, target.method)[COVER]
+    assert float((shown(changed, target.method)[COVER] - cover).abs().max()) > 0.05, "the features did change"
+    assert float((shown(changed, changed.method)[COVER] - cover).abs().max()) < 1e-4
 
 
 def test_it_says_what_it_takes(own: Path) -> None:
