@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -25,6 +24,7 @@ from stages.hiding.columns import VERTEX, attribute_of
 from stages.hiding.message_names import TAKEN, is_taken
 from stages.hiding.networks import PUBLIC_NETWORKS, SECRET_NETWORKS
 from stages.hiding.weights import SUFFIX, Weights, read_weights
+from stages.hiding.words import WORD
 from stages.imaging.names import can_be_written
 from stages.scene.ply.reading import Ply, read_ply
 
@@ -36,7 +36,6 @@ MOST_FACTS, MOST_NUMBERS, LARGEST_NUMBER = 32, 2**17, 2**53
 LONGEST_TEXT = 200  # characters
 LONGEST_FACT = 2**15
 """Of a word among a secret's facts, in characters. The longest are a seal's signs, 16 a channel beyond the eighth."""
-WORD = re.compile(r"[a-z][a-z0-9_]{0,63}")
 
 
 def read_container_bundle(place: Path) -> ContainerBundle:

@@ -17,6 +17,7 @@ from pipeline.errors import UserError
 from stages.hiding.method_names import method_names, module_of
 from stages.hiding.networks import PUBLIC_NETWORKS, SECRET_NETWORKS
 from stages.hiding.rendering import Rendering
+from stages.hiding.words import WORD
 from stages.scene.cameras import Camera
 from stages.scene.gaussians import Gaussians
 
@@ -179,6 +180,36 @@ def build_method(name: str, settings: Mapping[str, object]) -> Method:
             expected=" and ".join(kept),
             remedy="Make what may be public a part of the scene decoder, and the rest one of the message decoder.",
         )
+    return method
+
+
+def build_to_train(name: str, settings: Mapping[str, object]) -> Method:
+    """Build method `name` as `build_method` does, for a container that is to be trained, exported and imported.
+
+    Besides what `build_method` refuses, raises `UserError` for what `import_container` would refuse after the training:
+    a name of the method or of an attribute that is no `WORD`, and a method that cannot be built on torch's meta device,
+    where the sizes in a file are checked before memory is allocated.
+    """
+    method = build_method(name, settings)
+    if refused := [each for each in (name, *method.attribute_shapes()) if not WORD.fullmatch(each)]:
+        raise UserError(
+            "a method's containers could not be imported",
+            where=module_of(name),
+            found=f"the name {refused[0]!r}",
+            expected="methods and attributes named by a small letter and up to 63 small letters, digits or underscores",
+            remedy="rename it: a method is named by its file and by `name`, an attribute wherever the method has it",
+        )
+    try:
+        with torch.device("meta"):
+            build_method(name, settings)
+    except Exception as error:
+        raise UserError(
+            "a method's containers could not be imported",
+            where=module_of(name),
+            found=f"{type(error).__name__}: {error}",
+            expected="a method that is also built on torch's meta device, where tensors have no values",
+            remedy='compute what the method is built from without torch, or with device="cpu"',
+        ) from error
     return method
 
 

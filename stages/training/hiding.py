@@ -21,7 +21,7 @@ from stages.hiding.method import (
     LARGEST_SETTING,
     DrawsDirections,
     Method,
-    build_method,
+    build_to_train,
     is_setting,
     move_networks,
     presets_of,
@@ -155,7 +155,7 @@ class HidingParameters(TrainingParameters):
             )
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(self.seed if key is None else int(generator_apart(key, "building").integers(2**32)))
-            method = build_method(self.method, settings | {"messages": list(messages)})
+            method = build_to_train(self.method, settings | {"messages": list(messages)})
             if key is not None:
                 _draw_weights(method, key)
         return method

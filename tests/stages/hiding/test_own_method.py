@@ -128,7 +128,8 @@ def own(tmp_path: Path) -> Iterator[Path]:
     stages.hiding.methods.__path__.append(str(folder))
     yield folder / "own.py"
     stages.hiding.methods.__path__.remove(str(folder))
-    sys.modules.pop("stages.hiding.methods.own", None)
+    for name in ("own", "Mine"):
+        sys.modules.pop(f"stages.hiding.methods.{name}", None)
 
 
 def test_it_is_trained_scored_and_attacked(tmp_path: Path, own: Path) -> None:
@@ -227,6 +228,16 @@ def test_a_file_with_a_mistake_is_named(own: Path, source: str, complaint: str) 
         ('name = "own"', 'name = "gs_hider"', "found name = 'gs_hider'; expected name = 'own'"),
         ('{**self.settings, "levels": levels}', "{**self.settings}", "found settings without levels = 1"),
         ("return Own(**settings)", "return forgetful(Own(**settings))", "found networks without message_decoder"),
+        (
+            "    def initial_attributes",
+            "    def attribute_shapes(self):\n        return {'Features': (8,)}\n\n    def initial_attributes",
+            "found the name 'Features'; expected methods and attributes named by a small letter",
+        ),
+        (
+            "self.levels = levels",
+            "self.levels = int(torch.tensor([levels]).sum())",
+            "found RuntimeError: Tensor.item.. cannot be called on meta tensors; expected a method .*meta device",
+        ),
     ],
 )
 def test_what_could_not_be_built_again_is_refused_before_it_is_trained(
@@ -241,7 +252,14 @@ def forgetful(method):
     assert written in SOURCE
     own.write_text(SOURCE.replace(written, instead) + forgetful)
     with pytest.raises(UserError, match=complaint):
-        build_method("own", {**COUPLED, "levels": 1, "messages": ["statue"]})
+        HideScenesParameters.model_validate(SMALL).build_method(["statue"], None)
+
+
+def test_a_file_whose_name_could_not_be_imported_is_refused_before_it_is_trained(own: Path) -> None:
+    own.with_name("Mine.py").write_text(SOURCE.replace('name = "own"', 'name = "Mine"'))
+    parameters = HideScenesParameters.model_validate({**SMALL, "method": "Mine"})
+    with pytest.raises(UserError, match="Mine: a method's containers could not be imported; found the name 'Mine'"):
+        parameters.build_method(["statue"], None)
 
 
 def test_a_setting_that_could_not_be_imported_is_refused(own: Path) -> None:
