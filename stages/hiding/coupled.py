@@ -39,6 +39,9 @@ class CoupledFeatures(ABC, Generic[DecoderType]):
 
     Without messages (L = 0), or without the secret, there is no message decoder. Initial weights are drawn from torch's
     global generator, those of the scene decoder first. Raises `KeyError` for a precision that is not in `PRECISIONS`.
+
+    A subclass sets what its `make_decoder` reads before `super().__init__`, which calls it, and adds settings of its
+    own to `settings` after `super().__init__`, which sets them.
     """
 
     def __init__(
