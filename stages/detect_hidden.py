@@ -77,13 +77,13 @@ def detect_hidden(context: Context, parameters: DetectHiddenParameters) -> None:
 def _rows_of(context: Context, parameters: DetectHiddenParameters) -> list[tuple[str, Mapping[str, Artifact]]]:
     """Capture and artifacts by class for each row of the method that has both hidden and clean renders."""
     found: dict[str, dict[str, Artifact]] = {}
-    captures, items = {}, {}
+    items = {}
     for name, condition in INPUTS.items():
         for item in context.items(name):
             if item.artifact is not None and item.values.get(parameters.method_column) == parameters.method:
                 found.setdefault(item.label, {})[condition] = item.artifact
-                captures[item.label] = str(item.values.get(parameters.capture_column))
                 items[item.label] = item
+    captures = {label: str(item.values.get(parameters.capture_column)) for label, item in items.items()}
     _refuse_variants(items.values(), captures, parameters.method)
     return [(captures[label], each) for label, each in found.items() if HIDDEN in each and CLEAN in each]
 

@@ -10,7 +10,15 @@ from stages.analysis.learned_detection import LEARNED, TRAINING_SCENES
 from stages.analysis.method_titles import DECODER, GS_HIDER, SECOND_HARMONICS
 from stages.analysis.paper.attribute_tables import attribute_charts, attributes_grid
 from stages.analysis.paper.chapter import Chapter, title_of
-from stages.analysis.paper.detection import AS_IN_THE_PAPER, HIDING, UNNOTICED, ByMethod, Comparison, area_of
+from stages.analysis.paper.detection import (
+    AS_IN_THE_PAPER,
+    HIDING,
+    UNNOTICED,
+    ByMethod,
+    Comparison,
+    area_of,
+    by_capture,
+)
 from stages.analysis.paper.measuring import Measured, Noise, Spread
 from stages.analysis.paper.published import Published
 from stages.analysis.paper.relations import OnEachCapture, Relation
@@ -80,10 +88,10 @@ def _relations(experiments_of: ByMethod, quantity: str, detector: str) -> Iterat
 
 def _of_the_paper(experiments_of: ByMethod) -> Iterator[Relation]:
     """The paper's finding: of its methods, StegExpose tells GS-Hider's renders from photos the least."""
-    areas = {method: _areas(experiments, FUSION, AS_IN_THE_PAPER) for method, experiments in experiments_of.items()}
-    own = areas.get(GS_HIDER, {})
+    own = _areas(experiments_of.get(GS_HIDER, ()), FUSION, AS_IN_THE_PAPER)
     for method in (SECOND_HARMONICS, DECODER):
-        both = {capture: (area, own[capture]) for capture, area in areas.get(method, {}).items() if capture in own}
+        areas = _areas(experiments_of.get(method, ()), FUSION, AS_IN_THE_PAPER)
+        both = {capture: (area, own[capture]) for capture, area in areas.items() if capture in own}
         if both:
             yield Relation(
                 f"StegExpose's two-sided area, renders that hide against photos: {title_of(method)}'s over that of "
@@ -92,20 +100,18 @@ def _of_the_paper(experiments_of: ByMethod) -> Iterator[Relation]:
                 "more than",
                 1.0,
                 Measured({capture: Spread(rival.value / least.value) for capture, (rival, least) in both.items()}),
-                noise=_of_one([_relative(rival, least) for rival, least in both.values()]),
+                noise=_of_one([_deviation_of_ratio(rival, least) for rival, least in both.values()]),
                 source="shown",
             )
 
 
 def _areas(experiments: Sequence[Experiment], quantity: str, comparison: Comparison) -> dict[str, Area]:
     """The two-sided area on each capture where it has an interval: too few views say nothing."""
-    captures = dict.fromkeys(each.capture for each in experiments)
-    own = {capture: [each for each in experiments if each.capture == capture] for capture in captures}
-    areas = {capture: area_of(group, quantity, comparison) for capture, group in own.items()}
+    areas = {own[0].capture: area_of(own, quantity, comparison) for own in by_capture(experiments)}
     return {capture: area for capture, area in areas.items() if not math.isnan(area.low)}
 
 
-def _relative(rival: Area, least: Area) -> float:
+def _deviation_of_ratio(rival: Area, least: Area) -> float:
     """The standard deviation of the ratio of two areas."""
     parts = ((area.high - area.low) / DEVIATIONS / area.value for area in (rival, least))
     return rival.value / least.value * math.hypot(*parts)
