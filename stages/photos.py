@@ -139,7 +139,7 @@ def photos(context: Context, parameters: PhotosParameters) -> None:
         own_photos=own,
         below=len(found.below),
         copies=len(copies),
-        masked=0 if place is None or place.is_dir() else masked_frames(place),
+        masked=sum(masked_frames(file) for file in _files_with_frames(parameters.folder, place, splits)),
     )
 
 
@@ -162,6 +162,14 @@ def _found(parameters: PhotosParameters) -> tuple[PhotoFolder, Path | None, Mapp
     if place is None and not parameters.any_pictures:
         refuse_unread(folder, found)
     return found, place, splits
+
+
+def _files_with_frames(folder: Path, place: Path | None, splits: Mapping[str, Path]) -> list[Path]:
+    """The files that name photos frame by frame; nerfstudio leaves one beside a COLMAP model, too."""
+    if place is None:
+        return [*splits.values()]
+    beside = folder / FILE
+    return ([beside] if beside.is_file() else []) if place.is_dir() else [place]
 
 
 def _are_own(parameters: PhotosParameters) -> bool:

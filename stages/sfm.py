@@ -46,8 +46,9 @@ class SfmParameters(Parameters):
     )
     points: Literal["auto", "given", "triangulate"] = Field(
         "auto",
-        description="auto: if poses are kept and their COLMAP model has points, these are used, as 3DGS does, and no "
-        "photos are compared; otherwise points are triangulated.",
+        description="auto: if poses are kept and points came with them (a COLMAP model's, or the PLY of a "
+        "transforms.json), these are used, as 3DGS does, and no photos are compared; otherwise points are "
+        "triangulated.",
     )
     test_views: Literal["auto", "every_eighth"] = Field(
         "auto",
@@ -181,9 +182,9 @@ def points_to_keep(poses: KnownPoses | None, parameters: SfmParameters) -> Known
             found="estimated poses, whose coordinates do not match given points"
             if poses is None
             else f"{count} points",
-            expected=f"at least {FEWEST_POINTS} points seen by photos, in the points3D.bin or .txt of the COLMAP "
-            "model whose poses are kept",
-            remedy=f"Put that file beside the model's others, or add --set SFM.points=auto to the command, {WHERE}.",
+            expected=f"at least {FEWEST_POINTS} points: of a COLMAP model, in its points3D.bin or .txt, seen by "
+            "photos; of a transforms.json, in the PLY of its ply_file_path",
+            remedy=f"Put that file there, or add --set SFM.points=auto to the command, {WHERE}.",
         )
     return points if parameters.points != "triangulate" and count >= FEWEST_POINTS else None
 

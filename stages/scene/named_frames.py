@@ -65,8 +65,9 @@ def photo_of_frame(folder: Path, file: Path, frame: str) -> Path:
     is missing, or outside `folder`, where it could change unnoticed.
     """
     inside = not Path(frame).is_absolute() and ".." not in Path(frame).parts
+    endings = ("", *SUFFIXES, *(suffix.upper() for suffix in SUFFIXES))
     written = dict.fromkeys((frame, normalize("NFC", frame), normalize("NFD", frame)))
-    candidates = [folder / f"{path}{suffix}" for path in written for suffix in ("", *SUFFIXES)]
+    candidates = [folder / f"{path}{suffix}" for path in written for suffix in endings]
     candidates = candidates if inside and "\0" not in frame else []
     for candidate in candidates:
         if candidate.suffix.lower() in SUFFIXES and _is_file(candidate):

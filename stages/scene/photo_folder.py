@@ -11,7 +11,7 @@ from pathlib import Path
 from pipeline.errors import UserError
 from stages.imaging.names import LONGEST_NAME, can_be_written
 from stages.scene.folder_walk import folders_from
-from stages.scene.photos_below import is_photo, photos_below
+from stages.scene.photos_below import is_photo, may_hold_photos, photos_below
 from stages.scene.plurals import agreeing, counted
 
 SUFFIXES = (".jpg", ".jpeg", ".jfif", ".png", ".webp", ".bmp", ".tif", ".tiff")
@@ -80,7 +80,7 @@ def find_photos(folder: Path, images: str | None = None) -> PhotoFolder:
         )
     for place in own:
         files = files_below(place)
-        photos = [file for file in files if is_photo(file, SUFFIXES)]
+        photos = _photos_of_cameras(place)
         if photos:
             return PhotoFolder(
                 named_photos(place, photos), len(files) - len(photos), unread=unread_among(files, photos)
@@ -93,6 +93,13 @@ def find_photos(folder: Path, images: str | None = None) -> PhotoFolder:
         expected=f"photos ({', '.join(SUFFIXES)}) in {searched}",
         remedy=_how_to_have_photos([*folder.iterdir(), *(file for place in own for file in files_below(place))]),
     )
+
+
+def _photos_of_cameras(place: Path) -> list[Path]:
+    """The photos below a folder of folders, sorted; of folders called like masks or previews if there are no others."""
+    files = (folder / name for folder, names in folders_from(place, may_hold_photos) for name in names)
+    photos = sorted(file for file in files if is_photo(file, SUFFIXES))
+    return photos or [file for file in files_below(place) if is_photo(file, SUFFIXES)]
 
 
 def copies_among(photos: Mapping[str, Path]) -> list[str]:

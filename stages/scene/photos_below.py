@@ -31,7 +31,7 @@ def photos_below(
     """
     known, names = {*taken, *left_out}, {_stem(photo) for photo in taken}
     below: list[Path] = []
-    for folder, files in folders_from(top, _may_hold_photos):
+    for folder, files in folders_from(top, may_hold_photos):
         photos = [folder / name for name in files if is_photo(folder / name, suffixes)]
         stems = {_stem(photo) for photo in photos}
         if folder != top and stems != names and not (folder in own and stems & names):
@@ -44,7 +44,8 @@ def is_photo(file: Path, suffixes: Sequence[str]) -> bool:
     return file.suffix.lower() in suffixes and not file.name.startswith(".")
 
 
-def _may_hold_photos(name: str) -> bool:
+def may_hold_photos(name: str) -> bool:
+    """Whether a folder of this name may hold photos: it is not hidden, and not called like what is made of photos."""
     words = re.findall(r"[a-z]+", name.lower())
     return not (name.startswith(".") or OTHER_SIZES.fullmatch(name.lower()) or NO_PHOTOS.intersection(words))
 

@@ -104,8 +104,10 @@ def points_file(path: Path) -> str | None:
 
 
 def masked_frames(path: Path) -> int:
-    """How many frames name a mask (nerfstudio's `mask_path`)."""
-    return sum(isinstance(frame, Mapping) and bool(frame.get("mask_path")) for frame in _content(path)["frames"])
+    """How many frames name a mask (nerfstudio's `mask_path`); 0 without frames, as beside a COLMAP model."""
+    frames = _json_object(path).get("frames")
+    frames = frames if isinstance(frames, list) else []
+    return sum(isinstance(frame, Mapping) and bool(frame.get("mask_path")) for frame in frames)
 
 
 def _slashed(path: str) -> str:

@@ -21,7 +21,7 @@ from stages.training.averaging import Averages
 from stages.training.backward import in_one_thread
 from stages.training.curves import Curves
 from stages.training.density_control import DensityControl, DensitySettings
-from stages.training.divergence import refuse_divergence
+from stages.training.divergence import refuse_divergence, refuse_scattered
 from stages.training.objectives import Compared, FixedView, PictureTerm, total_loss
 from stages.training.optimizer import GaussianOptimizer
 from stages.training.prior import prior
@@ -214,7 +214,10 @@ class Training:
             density.reset_opacity(self.optimizer)
 
     def run(self, observe: Observer) -> list[MetricRow]:
-        """Run the remaining iterations; returns the training curves from the first iteration on."""
+        """Run the remaining iterations; returns the training curves from the first iteration on.
+
+        Raises `UserError` if a loss, or in the end a Gaussian, is not finite.
+        """
         while self.iteration < self.settings.iterations:
             figures = self.step(self.iteration + 1)
             self.iteration += 1
@@ -222,4 +225,5 @@ class Training:
             self.curves.add(self.iteration, figures, len(self.gaussians))
             observe()
         self.averages.apply(self.gaussians, self.method)
+        refuse_scattered(self.gaussians)
         return self.curves.rows()

@@ -33,7 +33,8 @@ class TrainingParameters(Parameters):
         ge=0,
         description="Weight of the Gaussians' mean opacity in the loss, over all training views together; 0, as in "
         "3DGS and the paper: none. homogeneous: 2. Any other than 0 takes the place of 3DGS's opacity resets, after "
-        "which it prunes large Gaussians; with 0, these happen in trainings of at least 15,000 iterations.",
+        "which it prunes large Gaussians; with 0, these happen if the schedules (schedule_share) take at least 15,000 "
+        "iterations.",
     )
     scale_weight: float = Field(
         0.0, ge=0, description="Weight of their mean scale, as a share of the rig's extent, likewise. homogeneous: 2."

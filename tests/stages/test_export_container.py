@@ -169,7 +169,7 @@ def test_features_are_named_plainly_and_activations_said(tmp_path: Path) -> None
     assert description["settings"] == COUPLED
     assert "sigmoid" in description["columns"]["feature_0 to feature_4"]
     for columns, activation in description["columns"].items():
-        assert f"{columns}: {activation}" in data.comments
+        assert f"{columns}: {activation}" in data["vertex"].comments
 
 
 def test_a_ply_alone_is_a_container_where_there_are_no_networks(tmp_path: Path) -> None:

@@ -44,8 +44,8 @@ def _header_of(count: int, row: np.dtype, comments: Sequence[str]) -> bytes:
     unknown = [str(kind) for kind in types.values() if kind not in NAMES]
     if unknown:
         raise ValueError(f"PLY has no type for {listed(unknown)}")
-    lines = ["ply", f"format {LITTLE_ENDIAN} 1.0", *(f"comment {comment}" for comment in comments)]
-    lines += [f"element vertex {count}"]
+    lines = ["ply", f"format {LITTLE_ENDIAN} 1.0", f"element vertex {count}"]  # 3DGS's viewer counts by line 3
+    lines += [f"comment {comment}" for comment in comments]
     lines += [f"property {NAMES[kind]} {name}" for name, kind in types.items()]
     header = "\n".join([*lines, "end_header", ""]).encode()
     if len(header) > LARGEST_HEADER:

@@ -39,10 +39,11 @@ def test_photos_lie_where_the_frames_say(tmp_path: Path, suffix: str) -> None:
     [
         (r"train\1.png", "train/1.png"),
         (r".\train\1", "train/1.png"),
+        ("train/1", "train/1.PNG"),
         ("train/cafe\N{COMBINING ACUTE ACCENT}.png", "train/caf\N{LATIN SMALL LETTER E WITH ACUTE}.png"),
         ("train/caf\N{LATIN SMALL LETTER E WITH ACUTE}.png", "train/cafe\N{COMBINING ACUTE ACCENT}.png"),
     ],
-    ids=["windows", "windows, no extension", "composed on the disk", "decomposed on the disk"],
+    ids=["windows", "windows, no extension", "capitals", "composed on the disk", "decomposed on the disk"],
 )
 def test_paths_as_other_systems_write_them(tmp_path: Path, file: str, frame: str, photo: str) -> None:
     take(tmp_path / "scan" / photo)
@@ -109,14 +110,22 @@ def test_the_parameter_images_wins(tmp_path: Path) -> None:
     assert read_capture(capture(scan, tmp_path / "out", images="frames_10")).sizes == ((64, 48),)
 
 
-def test_masks_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("file", ["transforms.json", "transforms_train.json"])
+@pytest.mark.parametrize("beside_a_model", [False, True])
+def test_masks_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, file: str, beside_a_model: bool) -> None:
     recorded: dict[str, Json] = {}
     monkeypatch.setattr(Context, "record", lambda context, **facts: recorded.update(facts))
-    take(tmp_path / "scan" / "images" / "1.jpg")
-    masked: dict = {"file_path": "images/1.jpg", "transform_matrix": MATRIX, "mask_path": "masks/1.png"}
-    write(tmp_path / "scan", [masked], fl_x=60, w=64, h=48)
-    capture(tmp_path / "scan", tmp_path / "out")
-    assert recorded["masked"] == 1
+    scan = tmp_path / "scan"
+    for name in ("a.jpg", "b two.jpg"):
+        take(scan / "images" / name, size=(640, 480))
+    if beside_a_model:
+        write_text_model(scan / "colmap" / "sparse" / "0")
+    masked: dict = {"file_path": "images/a.jpg", "transform_matrix": MATRIX, "mask_path": "masks/a.png"}
+    write(scan, [masked], fl_x=600, w=640, h=480)
+    (scan / "transforms.json").rename(scan / file)
+    capture(scan, tmp_path / "out")
+    read = not beside_a_model or file == "transforms.json"  # no split is read beside a model
+    assert recorded["masked"] == int(read)
 
 
 def test_the_split_beside_a_model_counts(tmp_path: Path) -> None:

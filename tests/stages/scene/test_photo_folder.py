@@ -29,6 +29,21 @@ def test_photos_in_folders_below_images_are_taken_with_the_folders_in_their_name
     assert read_capture(alone).names == ("0003.jpg",)
 
 
+def test_masks_and_thumbnails_among_the_folders_of_a_rig_are_no_photos(tmp_path: Path) -> None:
+    """Programs and network drives leave them in every camera's folder."""
+    derived = ("left/masks/0001.png", "right/masks/0001.png", "left/@eaDir/0001.jpg/THUMB_M.jpg")
+    for path in ("left/0001.jpg", "right/0001.jpg", *derived):
+        take(tmp_path / "rig" / "images" / path)
+    found = find_photos(tmp_path / "rig")
+    assert [*found.photos] == ["left_0001.jpg", "right_0001.jpg"]
+    assert found.ignored == len(derived)
+
+
+def test_a_camera_called_like_what_is_derived_is_taken_if_it_is_the_only_one(tmp_path: Path) -> None:
+    take(tmp_path / "rig" / "images" / "depth camera" / "0001.jpg")
+    assert [*find_photos(tmp_path / "rig").photos] == ["depth camera_0001.jpg"]
+
+
 def test_folders_beside_photos_are_left_alone(tmp_path: Path) -> None:
     """They may hold depths, masks or other sizes."""
     for path in ("images/a.jpg", "images/small/a.jpg"):

@@ -71,9 +71,15 @@ def test_what_is_written_comes_back_bit_for_bit(
 def test_others_read_it_alike(tmp_path: Path, columns: dict[str, np.ndarray]) -> None:
     write_ply(tmp_path / "table.ply", columns, ["a comment"])
     theirs = plyfile.PlyData.read(tmp_path / "table.ply")
-    assert theirs.comments == ["a comment"]
+    assert theirs["vertex"].comments == ["a comment"]
     for name, column in columns.items():
         assert same_bits(np.asarray(theirs["vertex"].data[name]), column)
+
+
+def test_the_third_line_counts_the_rows_whatever_the_comments(tmp_path: Path) -> None:
+    """3DGS's own viewer parses no header: it takes the third word of the third line for the number of Gaussians."""
+    write_ply(tmp_path / "table.ply", {"x": np.zeros(12, "<f4")}, ["one two three", "four"])
+    assert (tmp_path / "table.ply").read_bytes().split(b"\n")[2] == b"element vertex 12"
 
 
 def test_rows_of_several_blocks(tmp_path: Path) -> None:

@@ -41,6 +41,18 @@ def test_a_loss_that_is_not_finite_is_refused(loss: float) -> None:
     refuse_divergence(sys.float_info.max, 7)
 
 
+@pytest.mark.parametrize(("name", "value"), [("means", math.nan), ("log_scales", math.inf), ("raw_features", math.nan)])
+def test_a_gaussian_that_is_not_finite_is_refused_although_no_picture_shows_it(name: str, value: float) -> None:
+    training = prepared("gs_hider", 2)
+    training.step(1)
+    training.iteration = 1
+    with torch.no_grad():
+        training.gaussians[name][3].fill_(value)
+    expected = f"Gaussians' {name}: the training has diverged; found NaN or infinity in 1 of {len(training.gaussians)}"
+    with pytest.raises(UserError, match=expected):
+        training.run(lambda: None)
+
+
 def test_nothing_is_left_to_hold_back_where_no_gaussians_are() -> None:
     """Density control may prune all Gaussians, and a mean over none is NaN."""
     training = prepared("homogeneous", 10)

@@ -46,3 +46,12 @@ def test_a_scene_of_test_views_alone_is_told(tmp_path: Path) -> None:
     ):
         with pytest.raises(UserError, match="no training view; found 8 views, all of them test views"):
             learn()
+
+
+def test_a_message_in_pictures_of_another_size_is_refused_and_not_named(tmp_path: Path) -> None:
+    """Views are paired with the cover's by name alone, and two scenes of one capture have the same names."""
+    scene = read_scene(small.scene(tmp_path / "scene"))
+    larger = small.pictures(1).repeat(2, axis=1).repeat(2, axis=2)
+    with pytest.raises(UserError, match="found 8 of 64 x 48 pixels; expected 8 of 32 x 24 pixels") as raised:
+        training_views(scene, {"statue": larger})
+    assert "statue" not in str(raised.value)
