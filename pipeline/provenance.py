@@ -27,12 +27,12 @@ def versions_of(libraries: Iterable[str]) -> dict[str, str]:
         try:
             versions[library] = importlib.metadata.version(library)
         except importlib.metadata.PackageNotFoundError:  # Pillow, for one, is imported as PIL
-            versions |= {name: importlib.metadata.version(name) for name in _providers().get(library, ())}
+            versions |= {name: importlib.metadata.version(name) for name in providers().get(library, ())}
     return dict(sorted(versions.items()))
 
 
 @functools.cache
-def _providers() -> Mapping[str, list[str]]:
+def providers() -> Mapping[str, list[str]]:
     """The distributions that provide each top-level module. Slow, so computed once per process."""
     return importlib.metadata.packages_distributions()
 

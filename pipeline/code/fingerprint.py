@@ -12,7 +12,9 @@ are safe, since Python cannot run code of a module that nobody imports, and as p
 - `RESOURCES = ("kernels/*.cl",)` at the top of a module adds the bytes of files beside it;
 - an import with a computed name hides what it imports. It is an error unless the stage declares `modules=`, which names
   the modules that its parameters select; `import_module("its.name")` counts like any other import;
-- the engine itself never counts, nor do third-party libraries: their versions are in the provenance.
+- the engine itself never counts, nor do third-party libraries: their versions are in the provenance;
+- a module that is neither first-party nor installed, such as a file beside the package, is an error: nothing would tell
+  that it changed.
 """
 
 from __future__ import annotations

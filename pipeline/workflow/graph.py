@@ -9,6 +9,7 @@ from functools import cached_property
 from pipeline.canonical import Json
 from pipeline.code.declaration import Catalogue, Completed, Declaration
 from pipeline.code.fingerprint import Code
+from pipeline.code.hidden_imports import hidden_imports
 from pipeline.errors import CommandError, Place, UserError, nearest
 from pipeline.plain_text import listed
 from pipeline.resources import amount
@@ -391,10 +392,8 @@ class _Builder:
         except UserError as error:
             self.problems.add(instance.uses.place, str(error))
             return None
-        if code.dynamic and not declaration.selects_modules:
-            found = ", ".join(code.dynamic)
-            message = f"the code of {declaration.uses} imports modules by computed names ({found})"
-            self.problems.add(instance.uses.place, f"{message}; name them with @stage(modules=…), or use plain imports")
+        for found in hidden_imports(code, declaration, self.catalogue.package):
+            self.problems.add(instance.uses.place, f"the code of {declaration.uses} {found}")
         return code
 
     def resources(self, instance: Instance) -> dict[str, float]:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from pipeline.provenance import providers
 from tests.pipeline.helpers import Workspace
 
 STAGE = '''
@@ -225,6 +226,46 @@ def test_hidden_imports_are_errors(package: Package, tmp_path: Path, body: str) 
     assert problem.startswith("2:16: the code of make imports modules by computed names")
     assert f"{package.folder / 'make.py'}:" in problem
     assert "@stage(modules=…)" in problem
+
+
+@pytest.mark.parametrize("file", ["{name}.py", "{name}/__init__.py", "{name}/part.py"])
+def test_modules_beside_the_package_are_errors(package: Package, tmp_path: Path, file: str) -> None:
+    """No key would notice their changes, as if they were libraries, whose versions are noted."""
+    name = f"beside_{package.name}"
+    path = tmp_path / file.format(name=name)
+    path.parent.mkdir(exist_ok=True)
+    path.write_text("SIZE = 1\n")
+    package.write("lib/low.py", f"import {name}\nSIZE = 1\n")
+    (problem,) = problems(package, tmp_path)
+    found = path.parent if path.name == "part.py" else path
+    assert problem.startswith(f"2:16: the code of make imports {name} ({found}), whose changes no key would notice")
+    assert problem.endswith(f"move it into the package {package.name}, or install it as a library")
+
+
+@pytest.mark.parametrize("declared", [True, False])
+def test_libraries_that_are_installed_elsewhere_are_none(
+    package: Package, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, declared: bool
+) -> None:
+    """In place, by pip's `-e`, where not all that lies among the sources need be part of it, or by its `--target`."""
+    names = [f"{how}_{package.name}_{declared}" for how in ("targeted", "edited", "stray")]
+    target, sources = tmp_path / "target", tmp_path / "sources"
+    targeted, edited = target / f"{names[0]}.dist-info", tmp_path / "site-packages" / f"{names[1]}.dist-info"
+    for name, folder, about in zip(names, (target, sources, sources), (targeted, edited, None), strict=True):
+        folder.mkdir(exist_ok=True)
+        (folder / f"{name}.py").write_text("SIZE = 1\n")
+        monkeypatch.syspath_prepend(folder)
+        if about:
+            about.mkdir(parents=True)
+            (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1\n")
+            (about / "RECORD").write_text(f"{name}.py,,\n" if about == targeted else "")
+    (edited / "direct_url.json").write_text(f'{{"url": "{sources.as_uri()}", "dir_info": {{"editable": true}}}}')
+    if declared:
+        (edited / "top_level.txt").write_text(f"{names[1]}\n")
+    monkeypatch.syspath_prepend(edited.parent)
+    providers.cache_clear()
+    package.write("lib/low.py", f"import {', '.join(names)}\nSIZE = 1\n")
+    found = problems(package, tmp_path)
+    assert [f"imports {names[2]} (" in problem for problem in found] == [True] * declared
 
 
 @pytest.mark.parametrize(
