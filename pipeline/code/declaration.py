@@ -263,6 +263,16 @@ def external_fields(model: type[Parameters]) -> tuple[str, ...]:
     return tuple(name for name in model.model_fields if _holds_marker(hints[name]))
 
 
+def external_paths(parameters: Parameters) -> dict[str, tuple[str, ...]]:
+    """The external paths that each parameter holds, given or by default; none for null."""
+    external = {}
+    for name in external_fields(type(parameters)):
+        value = getattr(parameters, name)
+        paths = value if isinstance(value, list | tuple) else () if value is None else (value,)
+        external[name] = tuple(str(path) for path in paths)
+    return external
+
+
 def _holds_marker(annotation: Any) -> bool:
     if any(isinstance(extra, ExternalMarker) for extra in getattr(annotation, "__metadata__", ())):
         return True
@@ -289,18 +299,13 @@ def _complete(declared: Stage, arguments: Mapping[str, Json]) -> Completed | lis
         return [_refusal(declared.parameters, detail) for detail in error.errors(include_url=False)]
     except UserError as error:  # from what the stage consults to complete them
         return [Refusal((), str(error))]
-    external = {}
-    for name in external_fields(declared.parameters):
-        value = getattr(parameters, name)
-        paths = value if isinstance(value, list | tuple) else () if value is None else (value,)
-        external[name] = tuple(str(path) for path in paths)
     try:
         kept = _values(declared, parameters)
         selected = tuple(declared.modules(parameters)) if declared.modules else ()
         unrepeatable = is_unrepeatable(declared, parameters)
     except Exception as error:
         return [Refusal((), f"{type(error).__name__}: {error}")]
-    return Completed(kept, external, selected, unrepeatable)
+    return Completed(kept, external_paths(parameters), selected, unrepeatable)
 
 
 def _values(declared: Stage, parameters: Parameters) -> dict[str, Json]:

@@ -21,7 +21,7 @@ from filelock import Timeout
 from pipeline.artifact import Artifact, ArtifactWriter
 from pipeline.canonical import Json
 from pipeline.checkpoint import discard_scratch, scratch_directory
-from pipeline.code.declaration import check_completed, import_stage, is_unrepeatable, validate
+from pipeline.code.declaration import check_completed, external_paths, import_stage, is_unrepeatable, validate
 from pipeline.code.fingerprint import Code
 from pipeline.code.loaded_code import LoadedCode
 from pipeline.disk import bytes_below, leads_elsewhere
@@ -252,7 +252,7 @@ class _Action:
         with nobody_else_reads():
             declared(context, parameters)
         self.loaded.check()
-        self.check_external()
+        self.check_external(external_paths(parameters))
         provenance = {
             "name": job.name,
             "workflow": job.workflow,
@@ -299,15 +299,13 @@ class _Action:
             log.line(" ".join(filter(None, (remark.text, remark.details))))
         return said
 
-    def check_external(self) -> None:
-        """Raises UserError if a file that the stage may have read has changed since the run was planned."""
-        external: Any = self.job.parts["external"]
+    def check_external(self, external: Mapping[str, tuple[str, ...]]) -> None:
+        """Raises UserError if one of the paths that the stage may have read has changed since the run was planned."""
+        planned: Any = self.job.parts["external"]
         cache = ExternalCache(self.store)
-        for name, planned in external.items():
-            given = self.job.arguments.get(name)
-            paths = given if isinstance(given, list) else [given]
-            for path, digest in zip(paths, planned, strict=False):
-                if cache.digest(Path(str(path))) != digest:
+        for name, paths in external.items():
+            for path, digest in zip(paths, planned[name], strict=True):
+                if digest and cache.digest(Path(path)) != digest:  # "": a default that led nowhere
                     raise UserError("changed since the run began", where=path, remedy="Run again.")
 
     def items(self) -> dict[str, tuple[Item, ...]]:

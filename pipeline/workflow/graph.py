@@ -46,8 +46,9 @@ class Node:
     without artifacts that failed.
 
     `arguments` are the parameters as the workflow gives them, with absolute external paths. `parameters` are all that
-    are not external, with their defaults. `external` holds the digests of external files and folders by parameter.
-    `resources` is what the stage needs while it runs. `unrepeatable`: no run can make again what it makes.
+    are not external, with their defaults. `external` holds the digests of external files and folders by parameter,
+    `outside_paths` the paths to them, given or by default. `resources` is what the stage needs while it runs.
+    `unrepeatable`: no run can make again what it makes.
     """
 
     name: str
@@ -58,6 +59,7 @@ class Node:
     arguments: Mapping[str, Json]
     parameters: Mapping[str, Json]
     external: Mapping[str, tuple[str, ...]]
+    outside_paths: tuple[str, ...]
     code: Code
     private: bool
     resources: Mapping[str, float]
@@ -72,13 +74,6 @@ class Node:
     def entry(self) -> str:
         """Its name in the file, without the row of a foreach."""
         return self.name.partition("[")[0]
-
-    @property
-    def outside_paths(self) -> list[str]:
-        """The paths outside the store that the workflow gives it."""
-        given = map(self.arguments.get, self.declaration.external)
-        paths = [path for value in given for path in (value if isinstance(value, list) else [value])]
-        return [path for path in paths if isinstance(path, str)]
 
     @cached_property
     def upstream(self) -> tuple[str, ...]:
@@ -248,6 +243,7 @@ class _Builder:
             arguments=arguments,
             parameters=completed.parameters,
             external={},
+            outside_paths=tuple(path for paths in completed.external.values() for path in paths),
             code=code,
             private=instance.private,
             resources={**declaration.resources, **self.resources(instance)},

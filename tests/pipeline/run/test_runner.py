@@ -278,6 +278,31 @@ def test_external_files_count_by_content(workspace: Workspace, tmp_path: Path, m
     assert workspace.run().states == {"base": "ran"}
 
 
+def test_external_files_may_be_named_by_default(
+    workspace: Workspace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    workspace.write("stages:\n  a: {uses: usual}\n")
+    ran = workspace.run()
+    assert (ran.states, ran.values("a").tolist()) == ({"a": "ran"}, [])
+    (tmp_path / "usual.txt").write_text("7\n")
+    ran = workspace.run()
+    assert (ran.states, ran.values("a").tolist()) == ({"a": "ran"}, [7.0])
+    assert workspace.run().states == {"a": "cached"}
+    assert workspace.open().graph.nodes["a"].outside_paths == ("usual.txt",)
+    (tmp_path / "usual.txt").write_text("8\n")
+
+    class Edited(SerialExecutor):
+        """The file is edited between the plan and the stage."""
+
+        def start(self, name: str, work: Work, subject: object, urgency: int, needs: Resources) -> None:
+            (tmp_path / "usual.txt").write_text("9\n")
+            super().start(name, work, subject, urgency, needs)
+
+    ran = workspace.run(executor=Edited())
+    assert "usual.txt: changed since the run began" in str(ran.ended["a"].cause)
+
+
 def test_latest_points_to_the_last_results(workspace: Workspace) -> None:
     ran = workspace.write(CHAIN).run()
     link = workspace.folder / "store/latest/chain/sum.total"
