@@ -9,7 +9,8 @@ are safe, since Python cannot run code of a module that nobody imports, and as p
   and `remarks=` of `@stage`, which change no bit;
 - imports count wherever they are, including inside functions and under `TYPE_CHECKING`, and so do the packages that
   they pass through: keep `__init__.py` thin;
-- `RESOURCES = ("kernels/*.cl",)` at the top of a module adds the bytes of files beside it;
+- `RESOURCES = ("kernels/*.cl",)` at the top of a module adds the bytes of files beside it. The module has to read them
+  when it is loaded: what it reads later may have been edited since then, and nothing could tell;
 - an import with a computed name hides what it imports. It is an error unless the stage declares `modules=`, which names
   the modules that its parameters select; `import_module("its.name")` counts like any other import;
 - the engine itself never counts, nor do third-party libraries: their versions are in the provenance;
