@@ -320,9 +320,9 @@ def stage(
     do without while it runs, such as `{"memory": "8 GiB"}`, or `{"gpu": 1}` if there is no other way; a workflow may
     override it. Neither of these two is in the key. Raises TypeError if the declaration itself is wrong.
 
-    Outside the code fingerprint: `unrepeatable` says whether, with given parameters, the stage draws something
-    that cannot be drawn again, such as a key, which no run replaces unless a person has given it up. `unread` names
-    inputs that the stage does not read if parameters have the given values: `{"key": {"level": 0}}`. `remarks`, such as
+    Nor are the others: `unrepeatable` says whether, with given parameters, the stage draws something that cannot be
+    drawn again, such as a key, which no run replaces unless a person has given it up. `unread` names inputs that the
+    stage does not read if parameters have the given values: `{"key": {"level": 0}}`. `remarks`, such as
     "stages.scene.remarks:photos_left_out", names the function that turns a `Finished` into a tuple of `Remark`.
     """
 

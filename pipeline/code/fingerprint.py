@@ -5,8 +5,8 @@ Hashing single functions, as most tools do, misses an edited helper, and a silen
 cache can do. Hashing the whole tree is safe, but then a changed line in the report repeats hours of training. Modules
 are safe, since Python cannot run code of a module that nobody imports, and as precise as the files are small. So:
 
-- a module counts by its syntax tree, without comments, docstrings, layout, and the arguments `unrepeatable=`, `unread=`
-  and `remarks=` of `@stage`, which change no bit;
+- a module counts by its syntax tree, without comments, docstrings, layout, and the arguments `unrepeatable=`,
+  `unread=`, `remarks=`, `alone=` and `resources=` of `@stage`, which change no bit;
 - imports count wherever they are, including inside functions and under `TYPE_CHECKING`, and so do the packages that
   they pass through: keep `__init__.py` thin;
 - `RESOURCES = ("kernels/*.cl",)` at the top of a module adds the bytes of files beside it. The module has to read them
@@ -35,7 +35,8 @@ ENGINE = "pipeline"
 DYNAMIC = ("import_module", "__import__", "run_module", "run_path", "spec_from_file_location")
 IMPORTS = "its imports"
 STATEMENTS = "its other statements"
-NOTES = ("unrepeatable", "unread", "remarks")  # arguments of `@stage` that say how to treat a result, not what it is
+NOTES = ("unrepeatable", "unread", "remarks", "alone", "resources")
+"""Arguments of `@stage` that say where a stage runs, or how to treat its result, not what that is."""
 
 
 @dataclass(frozen=True)

@@ -93,6 +93,7 @@ def problems(package: Package, tmp_path: Path) -> list[str]:
     [
         ("make.py", "# a comment", "# another comment\n\n"),
         ("make.py", '"""Makes."""', '"""Makes something, as is well known."""'),
+        ("make.py", "version=1", "version=1, alone=True, resources={'memory': '1 GB'}"),
         ("make.py", 'write_file("text", repr', 'write_file(\n        "text", repr'),
         ("lib/low.py", "SIZE = 1", '"""The size."""\n\nSIZE  =  1  # small\n"""It is small."""'),
         ("__init__.py", "Stages", "All stages"),
