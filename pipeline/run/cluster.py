@@ -43,7 +43,7 @@ from pipeline.run.workers import (
 
 PATIENCE = 45.0  # seconds that work waits for a worker that could do it
 SILENCE = 30.0  # seconds without an answer after which a scheduler is given up
-SILENCE_HERE = 600.0  # the same for our own, a thread of this process: it may be silent while others take the cores
+SILENCE_HERE = 600.0  # the same for our own and its workers, which may be slow while others take the cores
 LOOK_EVERY = 1.0  # seconds between two checks of the workers
 ANSWER = 10.0  # seconds that a scheduler has to answer, and a worker to hand over a result
 CLOSE = 5.0  # seconds that dask's processes have to exit
@@ -77,8 +77,8 @@ class DaskExecutor:
 
     `address` is that of a running scheduler. Without one, starts `workers` processes here, which share this machine's
     memory and the stated `resources`. Work that no worker can do is given up after `patience` seconds, or at once if
-    the workers are our own. Raises CommandError if nothing answers at the address, or if a worker cannot load this
-    package.
+    the workers are our own. If all of these have died, it waits for them to be started again. Raises CommandError if
+    nothing answers at the address, or if a worker cannot load this package.
     """
 
     def __init__(
@@ -205,9 +205,9 @@ class DaskExecutor:
             self._hopeless_since.pop(kind, None)
             return False
         patience = self._patience
-        if self._machine is not None and self._workers:
-            patience = 0.0
-        elif kind not in self._hopeless_since:
+        if self._machine is not None:
+            patience = 0.0 if self._workers else SILENCE_HERE  # they are all being started again, which takes a while
+        if patience and kind not in self._hopeless_since:
             tell(Noted(f"{piece.name} {missing}; waiting {patience:.0f} s for one"))
         since = self._hopeless_since.setdefault(kind, time.monotonic())
         if time.monotonic() - since < patience:
@@ -217,6 +217,9 @@ class DaskExecutor:
 
     def _remedy(self, needs: Resources) -> str:
         listed = " ".join(f"{name}={value:.15g}" for name, value in needs.items())
+        if self._address is None and not self._workers:
+            died = "The worker processes of this run died and did not come back"
+            return f"{died}: perhaps there is too little memory for as many (--workers 1). Give the command again."
         if self._address is None:
             return f"If it has more: --resources '{listed}'. Otherwise change the stage's 'resources' in the workflow."
         stated = f" --resources '{listed}'" if listed else ""

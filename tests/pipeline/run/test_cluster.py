@@ -309,6 +309,27 @@ def test_a_run_waits_for_its_own_scheduler_where_others_take_the_cores(
     assert next(silent, None) is None
 
 
+def test_a_run_waits_for_its_own_workers_to_be_started_again(
+    workspace: Workspace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All may die at once where memory is short. If none comes back, other resources are of no help."""
+    monkeypatch.setattr(cluster_module, "LOOK_EVERY", 0.01)
+    workspace.write("stages:\n  a: {uses: numbers}\n")
+    nobody: tuple[dict[str, object], dict[str, object]] = ({}, {})
+    executor = DaskExecutor(1, patience=0.0)
+    asked, without = executor._asked, iter(range(3))
+    monkeypatch.setattr(executor, "_asked", lambda: asked() if next(without, None) is None else nobody)
+    assert workspace.run(executor=executor).states == {"a": "ran"}
+    assert next(without, None) is None
+    monkeypatch.setattr(cluster_module, "SILENCE_HERE", 0.0)
+    executor = DaskExecutor(1)
+    monkeypatch.setattr(executor, "_asked", lambda: nobody)
+    cause = str(workspace.run("a.count=4", executor=executor).ended["a"].cause)
+    assert cause.startswith("needs a worker, but there is no worker. The worker processes of this run died")
+    assert "--workers 1" in cause
+    assert "--resources" not in cause
+
+
 def test_where_closing_is_interrupted_nothing_is_waited_for_at_exit(monkeypatch: pytest.MonkeyPatch) -> None:
     """Closing is interrupted by a second Ctrl-C. At exit, dask closes what is still open, for up to ten seconds."""
     started = []
