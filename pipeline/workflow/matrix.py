@@ -19,6 +19,7 @@ from functools import cached_property
 
 from pipeline.canonical import Json, canonical_json, digest_of
 from pipeline.errors import Place, nearest
+from pipeline.store.external import from_home
 from pipeline.workflow.located import Located, Problems
 from pipeline.workflow.table import COLUMN, COLUMN_WORDS, read_table
 
@@ -108,7 +109,7 @@ def expand(key: str, located: Located, problems: Problems, wanted: Sequence[str]
 
 def _foreach(located: Located, problems: Problems, wanted: Sequence[str]) -> Sequence[Mapping[str, Located]] | None:
     if isinstance(located.value, str):
-        table = read_table(located.base / located.value, located.place, problems, wanted)
+        table = read_table(located.base / from_home(located.value), located.place, problems, wanted)
         return None if table is None else _listed("foreach", table, problems)
     if isinstance(located.value, tuple) and located.value:
         return _listed("foreach", located.value, problems, wanted)

@@ -258,7 +258,12 @@ def test_a_tilde_is_the_home_folder(workspace: Workspace, monkeypatch: pytest.Mo
     monkeypatch.setenv("HOME", str(workspace.folder / "home"))
     (workspace.folder / "home").mkdir()
     (workspace.folder / "home" / "given.txt").write_text("1")
-    workspace.write("stages:\n  base: {uses: numbers, with: {file: ~/given.txt}}")
+    (workspace.folder / "home" / "rows.csv").write_text("first\n1\n2\n")
+    workspace.write("""
+        stages:
+          base: {uses: numbers, with: {file: ~/given.txt}}
+          each: {foreach: ~/rows.csv, uses: numbers, with: {first: "${item.first}"}}
+        """)
     assert workspace.problems() == []
     assert Store(Path("~/results")).root == workspace.folder / "home" / "results"
     assert "there is no file" in workspace.problems("base.file=~nobody-of-this-name/given.txt")[0]
