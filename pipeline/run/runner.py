@@ -320,8 +320,13 @@ class Run:
         return self._dependents[name]
 
     def _lost(self, name: str, key: str, lost: Lost, begun: bool) -> Outcome:
-        """The outcome of an action whose worker is gone: it may be done; if not, it is retried unless it had begun."""
-        record = self.store.find(key)
+        """The outcome of an action whose worker is gone: it may be done; if not, it is retried unless it had begun.
+
+        If the store cannot be asked, it counts as not done: the other stages go on.
+        """
+        record = None
+        with suppress(Unreachable):
+            record = self.store.find(key)
         if record:
             return Outcome("ran", record.seconds, record.outputs, private=record.private)
         log = self._log_of(name) if begun else None

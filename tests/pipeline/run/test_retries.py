@@ -188,3 +188,26 @@ def test_a_worker_that_dies(
     ran = workspace.run(executor=Deadly(deaths, when))
     assert (ran.states, len(said(ran))) == ({"a": state}, repeats)
     assert not list(Path(workspace.folder / "store/temporary").glob("*/*")), "no flag is left behind"
+
+
+def test_other_stages_go_on_if_a_worker_dies_and_the_bucket_does_not_say_what_it_had_done(
+    workspace: Workspace, waits: Waits, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    workspace.write("stages:\n  a: {uses: numbers}\n  b: {uses: numbers, with: {count: 4}}\n")
+    find, broken = Store.find, list[Unreachable]()
+
+    def find_unless_broken(store: Store, key: str) -> object:
+        if broken:
+            raise broken.pop()
+        return find(store, key)
+
+    class Cut(Deadly):
+        def wait(self, tell: Tell, seconds: float) -> tuple[str, object] | None:
+            ended = super().wait(tell, seconds)
+            if ended and isinstance(ended[1], Lost):
+                broken.append(Unreachable("the server cannot be reached"))
+            return ended
+
+    monkeypatch.setattr(Store, "find", find_unless_broken)
+    ran = workspace.run(executor=Cut(1, "begun"))
+    assert sorted(ran.states.values()) == ["failed", "ran"]
