@@ -8,10 +8,12 @@ from pydantic import Field
 
 from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
+from stages.hiding.in_the_clear import share_in_the_clear
 from stages.hiding.key import key_apart
+from stages.hiding.keystream import MOST_DIMENSIONS
 from stages.hiding.method import Method
 from stages.hiding.method_names import MethodName, module_of
-from stages.hiding.sealing import SEAL, SEALED, SIGNS, Seal, Sealable, can_be_sealed, hash_of
+from stages.hiding.sealing import SEAL, SEALED, SIGNS, Seal, Sealable, can_be_sealed, hash_of, unread_dimensions
 from stages.hiding.storage import check_method, read_gaussians, read_method, write_container, write_secret
 from stages.scene.attributes import strings
 
@@ -61,6 +63,7 @@ def seal(context: Context, parameters: SealParameters) -> None:
             context.log(
                 f"{made.in_the_clear} of {len(gaussians)} Gaussians have no room for a seal and stay as they are"
             )
+        context.record(in_the_clear=round(share_in_the_clear(gaussians, method), 3))
         gaussians = made.published
         facts |= {SEAL: made.key.hex(), SEALED: hash_of(gaussians), SIGNS: made.signs().hex()}
         facts |= made.expected.facts()
@@ -76,4 +79,8 @@ def _hindrance(method: Method) -> str | None:
     """Why a container of the method cannot be sealed; None if it can be."""
     if not method.messages:
         return "nothing is hidden in it"
-    return None if can_be_sealed(method) else "its scene decoder reads all of its features"
+    if can_be_sealed(method):
+        return None
+    if isinstance(method, Sealable) and unread_dimensions(method):
+        return f"its features have over {MOST_DIMENSIONS} channels more than the scene decoder reads"
+    return "its scene decoder reads all of its features"

@@ -34,6 +34,9 @@ MARGIN = 0.15
 BLOCK = 4096
 """Values per block of the keystream. In 8 dimensions a block takes 1.2 MB of random numbers."""
 
+MOST_DIMENSIONS = 128
+"""A block of so many takes 0.3 GB of random numbers, which grow with the square of the dimensions."""
+
 Values = tuple[Float64[Tensor, "N U"], Float64[Tensor, " N"]]
 """Unit directions and lengths; the direction of a length of 0 is arbitrary."""
 
@@ -95,13 +98,19 @@ def _reflected(values: Float64[Tensor, "N V"], directions: Float64[Tensor, "N V"
 def _keystreams(
     numbers: Int[Tensor, " N"], dimensions: int, key: bytes
 ) -> Iterator[tuple[Int[Tensor, " n"], _Keystream]]:
-    """For each block: which rows of `numbers` are in it, and the keystream for them."""
+    """For each block: which rows of `numbers` are in it, and the keystream for them.
+
+    A block is drawn up to the last value that is asked for: a shorter output of SHAKE-256 is the beginning of a longer
+    one.
+    """
     sizes = [dimensions - number for number in range(dimensions)]
     blocks, order = numbers.div(BLOCK, rounding_mode="floor").sort(stable=True)
     present, counts = blocks.unique_consecutive(return_counts=True)
     for block, rows in zip(present.tolist(), order.split(counts.tolist()), strict=True):
-        uniform = _uniform(key + block.to_bytes(8, "little"), BLOCK * (1 + sum(sizes))).reshape(BLOCK, -1)
-        own = uniform[(numbers[rows] - block * BLOCK).numpy()]
+        places = (numbers[rows] - block * BLOCK).numpy()
+        columns = 1 + sum(sizes)
+        uniform = _uniform(key + block.to_bytes(8, "little"), (int(places.max()) + 1) * columns)
+        own = uniform.reshape(-1, columns)[places]
         normal = torch.from_numpy(ndtri(own[:, 1:])).split(sizes, dim=1)
         axes = tuple(torch.nn.functional.normalize(each, dim=1) for each in normal)
         yield rows, _Keystream(axes, torch.from_numpy(own[:, 0]))

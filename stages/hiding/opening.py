@@ -16,7 +16,7 @@ from stages.hiding.expected import Expected
 from stages.hiding.method import Method, move_networks
 from stages.hiding.photographs import photographs
 from stages.hiding.rendering import COVER, Rendering
-from stages.hiding.sealing import SEAL, SEALED, SIGNS, Seal, Sealable, hash_of
+from stages.hiding.sealing import SEAL, SEALED, SIGNS, Seal, Sealable, can_be_sealed, hash_of
 from stages.hiding.storage import read_gaussians, read_method
 from stages.scene.attributes import string
 from stages.scene.cameras import Cameras
@@ -199,6 +199,8 @@ def _seal_of(secret: Artifact, method: Method, published: Gaussians) -> Seal:
         raise _broken(secret, "a key that is no hexadecimal number") from error
     if not isinstance(method, Sealable):
         raise _broken(secret, f"the seal of a container of {method.name}")
+    if not can_be_sealed(method):
+        raise _broken(secret, "the seal of a container that cannot be sealed")
     try:
         expected = Expected.from_facts(secret.attributes, len(method.rows_of_messages()))
     except ValueError as error:

@@ -16,6 +16,7 @@ rest beyond what the part that is read, and the Gaussian's position, already say
 from __future__ import annotations
 
 import hashlib
+import json
 from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
@@ -27,7 +28,7 @@ from torch import Tensor
 from stages.hiding.coupled import FEATURES
 from stages.hiding.cube import is_cornered, origins_of, room
 from stages.hiding.expected import Expected, expectations
-from stages.hiding.keystream import decrypted, encrypted
+from stages.hiding.keystream import MOST_DIMENSIONS, decrypted, encrypted
 from stages.hiding.stored_features import FARTHEST, stored
 from stages.scene.gaussians import Gaussians
 from stages.scene.moved_splats import chosen
@@ -61,8 +62,13 @@ class Sealable(Protocol):
 
 
 def can_be_sealed(method: object) -> bool:
-    """Whether the scene decoder leaves some dimension of the features unread."""
-    return isinstance(method, Sealable) and read_basis(method).shape[1] < method.rows_read().shape[1]
+    """Whether the scene decoder leaves some dimension of the features unread, and not too many to encrypt them."""
+    return isinstance(method, Sealable) and 0 < unread_dimensions(method) <= MOST_DIMENSIONS
+
+
+def unread_dimensions(method: Sealable) -> int:
+    """How many dimensions of the features the scene decoder does not read."""
+    return method.rows_read().shape[1] - read_basis(method).shape[1]
 
 
 def read_basis(method: Sealable) -> Float64[Tensor, "M R"]:
@@ -77,13 +83,19 @@ def hash_of(gaussians: Gaussians) -> str:
     return hashlib.sha256(b"".join(np.ascontiguousarray(each, "<f4").tobytes() for each in values)).hexdigest()
 
 
-def key_for(gaussians: Gaussians, method: Sealable, drawn: bytes) -> bytes:
-    """Derive from `drawn` a key for exactly these Gaussians and decoders, so that no keystream is used twice."""
+def key_for(gaussians: Gaussians, method: Sealable, expected: Expected, drawn: bytes) -> bytes:
+    """Derive from `drawn` a key for exactly what is encrypted, so that no keystream is used twice.
+
+    That is the difference of these Gaussians, as these decoders read them, from what is `expected`; another version may
+    expect something else of the same Gaussians.
+    """
     arrays = dict(gaussians.parameters) | {"read": method.rows_read(), "of messages": method.rows_of_messages()}
     digest = hashlib.sha256(drawn)
     for name, values in sorted(arrays.items()):
         array = np.ascontiguousarray(values.detach().cpu().numpy(), "<f4")
         digest.update(f"{name} {array.shape}".encode() + array.tobytes())
+    for name, numbers in sorted(expected.facts().items()):
+        digest.update(f"{name} {json.dumps(numbers)}".encode())
     return digest.digest()
 
 
@@ -104,9 +116,10 @@ class Seal:
         feature is in a corner of the cube, is not encrypted (`in_the_clear`). `method` must be one that
         `can_be_sealed`, and have its messages.
         """
-        centred, key = _centred(gaussians), key_for(gaussians, method, drawn)
+        centred = _centred(gaussians)
         places = _Places.of(_with(gaussians, centred), method)  # from features as stored: opening has no others
         expected = places.expected(centred)
+        key = key_for(gaussians, method, expected, drawn)
         return cls(_with(gaussians, places.encrypted(centred, expected, key)), key, expected, places)
 
     @classmethod

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import pytest
 import torch
 from hypothesis import given, settings
@@ -27,6 +29,19 @@ def test_who_has_the_key_gets_everything_back(count: int, dimensions: int, key: 
     assert ((shares >= SHORTEST) & (shares <= LONGEST)).all()
     for back, own in zip(decrypted(closed, shares, torch.arange(count), key), values, strict=True):
         torch.testing.assert_close(back, own, rtol=0, atol=1e-9)
+
+
+def test_few_values_take_little_memory_however_many_their_dimensions() -> None:
+    """A stranger's bundle may have one Gaussian and a thousand channels."""
+    values = some_values(1, 64)
+    closed = encrypted(*values, KEY)
+    tracemalloc.start()
+    try:
+        decrypted(*closed, torch.arange(1), KEY)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 1e6
 
 
 def test_some_of_them_are_put_back_by_their_numbers() -> None:

@@ -11,8 +11,10 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from stages.hiding import expected
 from stages.hiding.coupled import FEATURES
 from stages.hiding.expected import Expected
+from stages.hiding.keystream import MOST_DIMENSIONS
 from stages.hiding.method import build_method
 from stages.hiding.methods.homogeneous import Homogeneous
 from stages.hiding.rendering import COVER
@@ -193,6 +195,23 @@ def test_no_pad_is_used_twice(changed: str) -> None:
     other_key = bytes(32) if changed == "key" else KEY
     other = Seal.made(Gaussians(gaussians.parameters | others), other_method, other_key)
     assert Seal.made(gaussians, method, KEY).key == Seal.made(gaussians, method, KEY).key != other.key
+
+
+def test_no_pad_is_used_for_another_expectation(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is encrypted is the difference from what is expected, and a later version may expect something else."""
+    method = homogeneous()
+    gaussians = some_gaussians(method, 600, 1.0)
+    before = Seal.made(gaussians, method, KEY)
+    monkeypatch.setattr(expected, "KNOTS", 1)
+    after = Seal.made(gaussians, method, KEY)
+    assert before.expected.facts() != after.expected.facts()
+    assert before.key != after.key
+
+
+def test_features_of_more_channels_than_can_be_encrypted_are_not_sealed() -> None:
+    """The keystream grows with the square of the channels: whoever opens such a container would run out of memory."""
+    assert can_be_sealed(homogeneous(feature_dim=8 + MOST_DIMENSIONS))
+    assert not can_be_sealed(homogeneous(feature_dim=9 + MOST_DIMENSIONS))
 
 
 def test_a_corner_of_the_cube_stays_as_it_is() -> None:
