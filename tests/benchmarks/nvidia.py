@@ -9,8 +9,8 @@ decoding and similarities are timed. Only the trainings need scipy and pydantic:
 that raises an exception fails, and the others continue. The exit status is 0 if all checks hold, 1 if one fails, and 2
 if none can be run.
 
-On an H100 (driver 580.159, torch 2.11, CUDA 13.0), all checks held, in two and a half minutes, a large part of which
-compilers take. Milliseconds, ours / gsplat 1.5.3's:
+On an H100 (driver 580.159, torch 2.11, CUDA 13.0), all checks of 28 November 2026 held, in two and a half minutes, a
+large part of which compilers take. Milliseconds, ours / gsplat 1.5.3's:
 
     Gaussians, pixels, features        forward     forward + backward    blend   blend_backward   other kernels
     200,000, 1216 x 800, M = 16      1.84 / 0.71       3.39 / 2.12        0.19        0.91              0.26
@@ -26,7 +26,8 @@ compilers take. Milliseconds, ours / gsplat 1.5.3's:
     200,000 Gaussians in the CPU's memory, by copies: forward + backward 77
 
 (No kernel's time includes torch's own sort by depth. For similarities, a work-item then had a strip, with 768 bytes
-in memory. Now they work in tiles, without such bytes, and have not been timed.) As a work-item of blend_backward takes
+in memory. Now they work in tiles, without such bytes, and no GPU has run them. The same
+goes for the check of decoders of single pixels, and for launching by `cuda.Arguments`.) As a work-item of blend_backward takes
 180 registers (M = 32), a multiprocessor has no room for a second group. `.minnctapersm 2` in its PTX gives 128, with
 nothing in memory. `tests.benchmarks.nvidia_variants` measures what that gains, and what else is to be tried.
 """

@@ -103,6 +103,8 @@ def registers() -> None:
                 if "blend" not in program.kernels or not groups:
                     return program
                 size = ".reqntid 256, 1, 1"
+                if size not in program.text:
+                    raise SystemExit(f"this driver's PTX does not say {size!r}: nothing would change")
                 return opencl.cuda.CudaProgram(
                     program.text.replace(size, f"{size}\n.minnctapersm {groups}"), program.kernels
                 )
