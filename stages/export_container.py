@@ -49,8 +49,8 @@ def export_container(context: Context, parameters: ExportContainerParameters) ->
 
     The public bundle is made from the container and, for `view_container`, a smooth path along the cover's training
     cameras: it reveals neither photos, nor their names, nor, from two cameras on, where any of them was taken. An image
-    hidden in one view is seen only from there, so the secret bundle has that camera. The command `export` copies any artifact, including a
-    bundle, out of the store unchanged. Raises `UserError` for a private container.
+    hidden in one view is seen only from there, so the secret bundle has that camera. The command `export` copies any
+    artifact, including a bundle, out of the store unchanged. Raises `UserError` for a private container.
     """
     container, secret = context.input("container"), context.input_optional("secret")
     if container.private:

@@ -26,10 +26,10 @@ large part of which compilers take. Milliseconds, ours / gsplat 1.5.3's:
     200,000 Gaussians in the CPU's memory, by copies: forward + backward 77
 
 (No kernel's time includes torch's own sort by depth. For similarities, a work-item then had a strip, with 768 bytes
-in memory. Now they work in tiles, without such bytes, and no GPU has run them. The same
-goes for the check of decoders of single pixels, and for launching by `cuda.Arguments`.) As a work-item of blend_backward takes
-180 registers (M = 32), a multiprocessor has no room for a second group. `.minnctapersm 2` in its PTX gives 128, with
-nothing in memory. `tests.benchmarks.nvidia_variants` measures what that gains, and what else is to be tried.
+in memory. Now they work in tiles, without such bytes, and no GPU has run them. The same goes for the check of decoders
+of single pixels, and for launching by `cuda.Arguments`.) As a work-item of blend_backward takes 180 registers (M = 32),
+a multiprocessor has no room for a second group. `.minnctapersm 2` in its PTX gives 128, with nothing in memory.
+`tests.benchmarks.nvidia_variants` measures what that gains, and what else is to be tried.
 """
 
 from __future__ import annotations
