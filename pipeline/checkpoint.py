@@ -6,11 +6,7 @@
         go_on_from(found.state)
     while work_is_left():
         work()
-        if context.stop_requested():
-            checkpoints.save(state())
-            raise Interrupted
-        if checkpoints.due():
-            checkpoints.save(state())
+        checkpoints.save_or_stop(state, "stopped after step 3")
 
 A checkpoint is an artifact, `checkpoint-N` in the scratch directory. It is written aside, flushed and renamed, and only
 then is the previous one deleted. It belongs to the key of its action, so a changed parameter never meets it.
@@ -31,7 +27,7 @@ from typing import TYPE_CHECKING, Any
 
 from pipeline.artifact import Artifact, ArtifactWriter, load, publish
 from pipeline.canonical import Json
-from pipeline.errors import CorruptArtifact, UserError
+from pipeline.errors import CorruptArtifact, Interrupted, UserError
 from pipeline.provenance import versions_of
 from pipeline.stage import Context
 from pipeline.store.store import Store
@@ -120,6 +116,17 @@ class Checkpoints:
     def due(self) -> bool:
         """Whether it is time to save another checkpoint."""
         return self._clock() >= self._due_at
+
+    def save_or_stop(self, state: Callable[[], State], stopped: str) -> None:
+        """For every step of a loop: saves its state when that is due, and also when the stage should stop.
+
+        In the latter case it raises Interrupted afterwards, with `stopped`, which says where the work stopped.
+        """
+        stops = self._context.stop_requested()
+        if stops or self.due():
+            self.save(state())
+        if stops:
+            raise Interrupted(stopped)
 
     def save(self, state: State) -> None:
         """Replaces the previous checkpoint, atomically and durably.

@@ -17,7 +17,7 @@ from pydantic import Field
 from opencl.routes import describe_drawing, working_device
 from pipeline.artifact import Artifact
 from pipeline.checkpoint import Checkpoints, State
-from pipeline.errors import Interrupted, UserError
+from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.attacks.target import Target
 from stages.analysis.distorted_negatives import most_distorted, with_distorted
@@ -53,8 +53,8 @@ from stages.imaging.windows import is_as_large, windows_of_all
 from stages.scene.camera_path import camera_path
 from stages.scene.cameras import Cameras
 from stages.scene.scene import Scene, read_scene
+from stages.training.checkpoints import checkpoints_on
 from stages.training.codec_photos import read_photos
-from stages.training.libraries import LIBRARIES
 from stages.training.threads import Threads
 
 COVER_SCENE = "the cover"
@@ -140,22 +140,21 @@ def detect_watermark(context: Context, parameters: DetectWatermarkParameters) ->
     scene = read_scene(context.input("cover"))
     cameras = scene.cameras
     watermark = filling(read_image(context.input("watermark"))[1], cameras.width, cameras.height)
-    checkpoints = Checkpoints(context, LIBRARIES, {"device": describe_drawing(working_device())})
+    checkpoints = checkpoints_on(context, working_device())
     detector = _detector(context, parameters, scene, watermark, _seen_before(context, checkpoints))
     amounts = _amounts(context, parameters)
     positives = _positives(context, parameters, scene)
     total = positives.looked_at + amounts.total
     done = 0
 
+    def seen() -> State:
+        return State({SEEN: np.array([astuple(shown) for shown in detector.seen])}, {})
+
     def after_each() -> None:
         nonlocal done
         done += 1
         context.progress(done, total)
-        stops = context.stop_requested()
-        if stops or checkpoints.due():
-            checkpoints.save(State({SEEN: np.array([astuple(shown) for shown in detector.seen])}, {}))
-        if stops:
-            raise Interrupted(f"stopped before picture {done} of at most {total}")
+        checkpoints.save_or_stop(seen, f"stopped before picture {done} of at most {total}")
 
     negatives = _negatives(context, parameters, scene, amounts)
     negatives = with_distorted(negatives, parameters.distorted_of, parameters.seed)

@@ -16,16 +16,15 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from opencl.routes import describe_drawing, working_device
+from opencl.routes import working_device
 from pipeline.checkpoint import Checkpoints, State
-from pipeline.errors import Interrupted
 from pipeline.stage import Context
 from stages.imaging.metric_table import MetricRow
 from stages.training.adam import Adam
 from stages.training.backward import in_one_thread
+from stages.training.checkpoints import checkpoints_on
 from stages.training.divergence import refuse_divergence
 from stages.training.gpu_memory import too_large
-from stages.training.libraries import LIBRARIES
 from stages.training.moments import moments_of, set_moments
 from stages.training.schedules import decayed
 from stages.training.stretches import POINTS, decibels_of, stretch_of
@@ -146,17 +145,13 @@ def train_network(context: Context, training: NetworkTraining) -> list[MetricRow
 
 
 def _train(context: Context, training: NetworkTraining) -> list[MetricRow]:
-    checkpoints = Checkpoints(context, LIBRARIES, {"device": describe_drawing(working_device())})
+    checkpoints = checkpoints_on(context, working_device())
     _go_on(context, training, checkpoints)
     while training.iteration < training.iterations:
         training.step()
         last = training.iteration
         context.progress(last, training.iterations, **training.decibels(max(0, last - POINTS), last))
-        stops = context.stop_requested()
-        if stops or checkpoints.due():
-            checkpoints.save(training.state())
-        if stops:
-            raise Interrupted(f"stopped after step {last} of {training.iterations}")
+        checkpoints.save_or_stop(training.state, f"stopped after step {last} of {training.iterations}")
     return training.curves()
 
 

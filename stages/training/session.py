@@ -7,15 +7,14 @@ from typing import Any
 
 import torch
 
-from opencl.routes import describe_drawing
 from pipeline.checkpoint import Checkpoint, Checkpoints, State
 from pipeline.errors import Interrupted, UserError
 from pipeline.stage import Context
 from stages.hiding.rendering import COVER
 from stages.imaging.metric_table import MetricRow
 from stages.timing.stopwatch import Stopwatch, part, watching
+from stages.training.checkpoints import checkpoints_on
 from stages.training.gpu_memory import too_large
-from stages.training.libraries import LIBRARIES
 from stages.training.loop import Training
 from stages.training.state import set_state, state_of
 
@@ -30,7 +29,7 @@ def train(context: Context, training: Training, checkpoints: Checkpoints | None 
     """
     iterations = training.settings.iterations
     if checkpoints is None:
-        checkpoints = Checkpoints(context, LIBRARIES, {"device": describe_drawing(training.device)})
+        checkpoints = checkpoints_on(context, training.device)
     with watching(Stopwatch()) as stopwatch:
         session = _Session(context, training, checkpoints, stopwatch)
         try:
@@ -83,12 +82,8 @@ class _Session:
         newest = training.curves.newest(training.iteration, len(training.gaussians))
         self.context.progress(training.iteration, iterations, loss=newest.loss, psnr=newest.decibels[COVER])
         self._tell_of_bound()
-        stops = self.context.stop_requested()
-        if stops or self.checkpoints.due():
-            with part(CHECKPOINTS):
-                self.checkpoints.save(self._state())
-        if stops:
-            raise Interrupted(f"stopped after iteration {training.iteration} of {iterations}")
+        with part(CHECKPOINTS):
+            self.checkpoints.save_or_stop(self._state, f"stopped after iteration {training.iteration} of {iterations}")
 
     def _tell_of_bound(self) -> None:
         """Log once that the bound was reached: 3DGS has none, so that figures of such a training are not its own."""

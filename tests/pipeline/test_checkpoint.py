@@ -17,7 +17,7 @@ import pytest
 import pipeline.checkpoint
 from pipeline.artifact import Artifact
 from pipeline.checkpoint import EVERY, EVERY_VARIABLE, LONGEST, Checkpoints, State
-from pipeline.errors import UserError
+from pipeline.errors import Interrupted, UserError
 from pipeline.events import Noted
 from pipeline.manifest import read_manifest
 from pipeline.stage import Context, Services
@@ -287,6 +287,22 @@ def test_the_environment_may_set_the_pause(context: Context, monkeypatch: pytest
     monkeypatch.setenv(EVERY_VARIABLE, "often")
     with pytest.raises(UserError, match=f"{EVERY_VARIABLE}: not a number of seconds; found often"):
         Checkpoints(context)
+
+
+def test_a_loop_saves_what_is_due_and_what_a_stop_would_lose(tmp_path: Path) -> None:
+    clock, asked = Clock(), False
+    context = Context({}, {}, tmp_path, "test", Services(stop_requested=lambda: asked))
+    checkpoints = Checkpoints(context, every=10, clock=clock)
+    saved = []
+    for number in range(4):
+        checkpoints.save_or_stop(lambda now=number: numbered(now), "stopped")
+        saved.append(number_in(context))
+        clock.now += 5
+    assert saved == [None, None, 2, 2]
+    asked = True
+    with pytest.raises(Interrupted, match="stopped after number 4"):
+        checkpoints.save_or_stop(lambda: numbered(4), "stopped after number 4")
+    assert number_in(context) == 4
 
 
 def test_a_checkpoint_knows_what_it_took(tmp_path: Path) -> None:
