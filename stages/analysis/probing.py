@@ -40,7 +40,7 @@ def probe_rows(
     """
     cameras = single_cameras(scene.cameras.select(scene.test_names))
     for probe, raw in features.items():
-        probed, run = Gaussians(gaussians.parameters | {FEATURES: raw}), run_name(name, probe)
+        probed, run = gaussians.with_parameters({FEATURES: raw}), run_name(name, probe)
         for view, row, camera in zip(scene.test_names, scene.rows(scene.test_names), cameras, strict=True):
             pictures = method.render(probed, camera, wanted=tuple(messages)).pictures
             for title, message in messages.items():

@@ -113,7 +113,7 @@ def recovered(found: Gaussians, published: Gaussians, seed: int) -> Recovery | N
         back = _carried_back(features, originals, registration)
         if back is not None:
             change = _root_mean_square(back, features)
-            gaussians = Gaussians(gaussians.parameters | {FEATURES: stored(back)})
+            gaussians = gaussians.with_parameters({FEATURES: stored(back)})
         elif features.shape[1] != originals.shape[1]:
             raise TooFewPairs(registration, features.shape[1], originals.shape[1])
     centre = np.median(published.means.detach().double().numpy(), axis=0)
@@ -151,7 +151,7 @@ def with_bounded_quaternions(gaussians: Gaussians) -> Gaussians:
     quats = gaussians.quats.detach().double()
     lengths = quats.norm(dim=1, keepdim=True)
     bounded = torch.where(lengths > LARGEST["quats"], quats / lengths, quats)
-    return Gaussians(gaussians.parameters | {"quats": bounded.to(gaussians.quats.dtype)})
+    return gaussians.with_parameters({"quats": bounded.to(gaussians.quats.dtype)})
 
 
 def unlike(found: Mapping[str, Tensor], published: Mapping[str, Tensor]) -> tuple[str, ...]:

@@ -31,7 +31,6 @@ from stages.hiding.expected import Expected, expectations
 from stages.hiding.keystream import MOST_DIMENSIONS, decrypted, encrypted
 from stages.hiding.stored_features import FARTHEST, stored
 from stages.scene.gaussians import Gaussians
-from stages.scene.moved_splats import chosen
 
 SEAL, SEALED, SIGNS = "seal", "sealed_gaussians", "sealed_signs"
 """Facts of a secret, besides the expectations (`Expected`), in hexadecimal digits: the key of its container's seal, a
@@ -152,7 +151,7 @@ class Seal:
         [numbers] = torch.nonzero(rows >= 0, as_tuple=True)
         own = rows[numbers]
         features = self.places.of_numbers(numbers).decrypted(_centred(found)[own], numbers, self.expected, self.key)
-        return _with(chosen(found, own), features)
+        return _with(found.select(own), features)
 
     def told(self, gaussians: Gaussians) -> Float64[Tensor, "N R"]:
         """What the scene decoder reads of each Gaussian, which identifies it, since a seal does not change it."""
@@ -244,4 +243,4 @@ def _centred(gaussians: Gaussians) -> Float64[Tensor, "N M"]:
 
 
 def _with(gaussians: Gaussians, centred: Float64[Tensor, "N M"]) -> Gaussians:
-    return Gaussians(gaussians.parameters | {FEATURES: stored(centred + 0.5).to(gaussians.device)})
+    return gaussians.with_parameters({FEATURES: stored(centred + 0.5).to(gaussians.device)})

@@ -14,7 +14,7 @@ from pipeline.errors import UserError
 from stages.scene.edits import Add, Edit, EditedRegion, Recolour, Remove
 from stages.scene.frames import splats_frame
 from stages.scene.gaussians import Gaussians
-from stages.scene.moved_splats import chosen, joined, moved
+from stages.scene.moved_splats import joined, moved
 from stages.scene.recolouring import recoloured, recolouring
 from stages.scene.regions import Region
 from stages.scene.similarity import Similarity
@@ -58,7 +58,7 @@ def _recoloured(gaussians: Gaussians, inside: Bool[Tensor, " N"], edit: Recolour
     matrix = recolouring(edit.hue, edit.saturation, edit.tint, edit.strength)
     base, rest = gaussians[SH_BASE].clone(), gaussians[SH_REST].clone()
     base[inside], rest[inside] = recoloured(base[inside], rest[inside], matrix)
-    return Gaussians(gaussians.parameters | {SH_BASE: base, SH_REST: rest})
+    return gaussians.with_parameters({SH_BASE: base, SH_REST: rest})
 
 
 def _without(gaussians: Gaussians, inside: Bool[Tensor, " N"]) -> Gaussians:
@@ -66,7 +66,7 @@ def _without(gaussians: Gaussians, inside: Bool[Tensor, " N"]) -> Gaussians:
         raise UserError(
             "an edit would leave no Gaussian", found="a region with all of them", remedy="make the region smaller"
         )
-    return chosen(gaussians, ~inside)
+    return gaussians.select(~inside)
 
 
 def _placed(edit: Add, splats: Splats, added: Splats | None) -> Gaussians:
@@ -76,7 +76,7 @@ def _placed(edit: Add, splats: Splats, added: Splats | None) -> Gaussians:
             "there is nothing to add", found="no input added", expected="splats", remedy="give edit_splats the input"
         )
     own = added.frame or splats_frame(added.gaussians.means.numpy())
-    taken = chosen(added.gaussians, _inside(replace(added, frame=own), edit.only))
+    taken = added.gaussians.select(_inside(replace(added, frame=own), edit.only))
     turn = Rotation.from_euler("xyz", edit.turn, degrees=True).as_matrix()
     placement = Similarity(edit.scale, turn, np.array(edit.place))
     into, out_of = (_frame_of(splats), own) if edit.coordinates == "rig" else (splats.world, added.world)

@@ -66,6 +66,14 @@ class Gaussians:
         """The device of all tensors."""
         return self.means.device
 
+    def select(self, rows: Tensor) -> Gaussians:
+        """The Gaussians at these rows, given by number, in their order, or as a mask of N booleans."""
+        return Gaussians({name: tensor[rows] for name, tensor in self.parameters.items()})
+
+    def with_parameters(self, changed: Mapping[str, Tensor]) -> Gaussians:
+        """The same Gaussians with these parameters, of N rows each, in place of their own or beside them."""
+        return Gaussians({**self.parameters, **changed})
+
     def to(self, device: torch.device | str) -> Gaussians:
         """The same Gaussians on a device; tensors already there are shared."""
         return Gaussians({name: tensor.to(device) for name, tensor in self.parameters.items()})

@@ -28,7 +28,7 @@ def moved(gaussians: Gaussians, similarity: Similarity) -> Gaussians:
     )
     means, quats, log_scales = (torch.from_numpy(values).float() for values in geometry)
     changed = {"means": means, "quats": quats, "log_scales": log_scales}
-    return Gaussians(gaussians.parameters | changed | _turned_attributes(gaussians, similarity.rotation))
+    return gaussians.with_parameters(changed | _turned_attributes(gaussians, similarity.rotation))
 
 
 def mirrored(gaussians: Gaussians) -> Gaussians:
@@ -40,7 +40,7 @@ def mirrored(gaussians: Gaussians) -> Gaussians:
     axes = torch.tensor([-1.0, 1.0, 1.0])
     turns = torch.tensor([1.0, 1.0, -1.0, -1.0])  # w x y z: M R M turns about the mirrored axis, the other way round
     changed = {"means": gaussians.means.detach() * axes, "quats": gaussians.quats.detach() * turns}
-    return Gaussians(gaussians.parameters | changed | _turned_attributes(gaussians, MIRROR))
+    return gaussians.with_parameters(changed | _turned_attributes(gaussians, MIRROR))
 
 
 def _turned_attributes(gaussians: Gaussians, turn: Float64[np.ndarray, "3 3"]) -> dict[str, Tensor]:
@@ -70,11 +70,6 @@ def joined(gaussians: Gaussians, added: Gaussians) -> Gaussians:
     count = max(each[SH_REST].shape[1] for each in (gaussians, added))
     both = [each.parameters | {SH_REST: _padded(each[SH_REST], count)} for each in (gaussians, added)]
     return Gaussians({name: torch.cat([each[name] for each in both]) for name in gaussians.parameters})
-
-
-def chosen(gaussians: Gaussians, rows: Tensor) -> Gaussians:
-    """The Gaussians at these rows, given by number or as a mask."""
-    return Gaussians({name: tensor[rows] for name, tensor in gaussians.parameters.items()})
 
 
 def degree_of(rest: Float[Tensor, "N K 3"]) -> int:

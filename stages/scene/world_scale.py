@@ -38,7 +38,7 @@ def stated(scale: float) -> dict[str, float]:
 def scaled(gaussians: Gaussians, factor: float) -> Gaussians:
     """Gaussians in a world that is `factor` times as large; view-dependent colours stay as they are."""
     grown = {"means": gaussians.means * factor, "log_scales": gaussians["log_scales"] + math.log(factor)}
-    return Gaussians(gaussians.parameters | grown)
+    return gaussians.with_parameters(grown)
 
 
 def refuse_other_world(gaussians: Artifact, scene: Artifact) -> None:

@@ -34,7 +34,6 @@ from stages.import_container import ImportContainerParameters, import_container
 from stages.probe_secrecy import ProbeSecrecyParameters, probe_secrecy
 from stages.render_path import render_path
 from stages.reveal import RevealParameters, reveal
-from stages.scene import moved_splats
 from stages.scene.gaussians import Gaussians
 from stages.seal import SealParameters, seal
 from stages.view_container import view_container
@@ -141,7 +140,7 @@ def kept(folder: Path, container: Artifact, share: float) -> Artifact:
     gaussians = read_gaussians(container)
     rows = torch.arange(len(gaussians)) < share * len(gaussians)
     with create(folder, "container", private=False) as writer:
-        fewer = Gaussians({name: values[rows] for name, values in gaussians.parameters.items()})
+        fewer = gaussians.select(rows)
         write_container(writer, fewer, read_method(container))
     return load(folder)
 
@@ -184,7 +183,7 @@ def test_the_secret_of_another_sealing_of_the_same_gaussians_is_refused(
 def test_what_was_moved_or_shown_otherwise_is_not_opened_alone(tmp_path: Path, closed: Made, name: str) -> None:
     gaussians = read_gaussians(closed["container"])
     with create(tmp_path / "changed", "container", private=False) as writer:
-        changed = Gaussians(gaussians.parameters | {name: 1.001 * gaussians[name]})
+        changed = gaussians.with_parameters({name: 1.001 * gaussians[name]})
         write_container(writer, changed, read_method(closed["container"]))
     with pytest.raises(UserError, match="secret belongs to another container, or this container was changed"):
         read_container(load(tmp_path / "changed"), closed["secret"])
@@ -194,7 +193,7 @@ def test_features_that_were_rounded_are_still_opened(tmp_path: Path, hidden: Mad
     gaussians = read_gaussians(closed["container"])
     rounded = {FEATURES: (gaussians[FEATURES].sigmoid() * 31).round().div(31).clamp(0.001, 0.999).logit()}
     with create(tmp_path / "rounded", "container", private=False) as writer:
-        write_container(writer, Gaussians(gaussians.parameters | rounded), read_method(closed["container"]))
+        write_container(writer, gaussians.with_parameters(rounded), read_method(closed["container"]))
     opened = read_container(load(tmp_path / "rounded"), closed["secret"]).gaussians
     assert (opened[FEATURES].sigmoid() - features(hidden["container"])).abs().mean() < 0.1
 
@@ -216,7 +215,7 @@ def of_a_stranger(folder: Path, closed: Made) -> Artifact:
     steps = 0.3 * torch.randn(len(gaussians), read.shape[1], generator=generator, dtype=torch.float64)
     moved = (gaussians[FEATURES].sigmoid() + steps @ read.T).clamp(0.001, 0.999).logit().float()
     with create(folder, "container", private=False) as writer:
-        write_container(writer, Gaussians(gaussians.parameters | {FEATURES: moved}), method)
+        write_container(writer, gaussians.with_parameters({FEATURES: moved}), method)
     return load(folder)
 
 
@@ -279,7 +278,7 @@ def changed_as(name: str, gaussians: Gaussians) -> Gaussians:
         return Gaussians({each: torch.cat([values, values]) for each, values in gaussians.parameters.items()})
     noise = 0.01 * gaussians.means.std(dim=0) * torch.randn(gaussians.means.shape, generator=generator)
     order = torch.randperm(len(gaussians), generator=generator)
-    return moved_splats.chosen(Gaussians(gaussians.parameters | {"means": gaussians.means + noise}), order)
+    return gaussians.with_parameters({"means": gaussians.means + noise}).select(order)
 
 
 @pytest.mark.parametrize("name", ["decoys", "clones", "noise on positions"])
@@ -300,14 +299,14 @@ def test_what_the_scene_decoder_reads_tells_gaussians_whose_places_and_shapes_we
         for name, size in sizes.items()
     }
     seal = _seal_of(closed["secret"], read_method(closed["container"], closed["secret"]), published)
-    rows = rows_of(Gaussians(published.parameters | changes), seal)
+    rows = rows_of(published.with_parameters(changes), seal)
     assert (rows == torch.arange(len(published))).double().mean() > 0.95
 
 
 def test_what_is_not_known_at_all_is_left_as_it_is(closed: Made) -> None:
     published = read_gaussians(closed["container"])
-    stranger = Gaussians(published.parameters | {"means": published.means.flip(0) * 7 + 3})
-    method, few = read_method(closed["container"], closed["secret"]), moved_splats.chosen(stranger, torch.arange(5))
+    stranger = published.with_parameters({"means": published.means.flip(0) * 7 + 3})
+    method, few = read_method(closed["container"], closed["secret"]), stranger.select(torch.arange(5))
     opened = opener(method, closed["secret"], published)(few)
     assert torch.equal(opened[FEATURES], few[FEATURES])
     with pytest.raises(UserError, match="none of its Gaussians is known"):

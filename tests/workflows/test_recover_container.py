@@ -23,7 +23,6 @@ from stages.imaging.metric_table import read_rows
 from stages.imaging.pictures import picture_to_tensor
 from stages.imaging.psnr import psnr
 from stages.scene.cameras import Camera, single_cameras
-from stages.scene.moved_splats import chosen
 from stages.seal import SealParameters, seal
 from tests.running import run_stage
 from tests.stages import small
@@ -86,7 +85,7 @@ def never_sealed(places: np.ndarray, camera: Camera) -> torch.Tensor:
     target, owner = target_and_owner("homogeneous")
     kept = (target.gaussians.means[:, None] == torch.from_numpy(places)).all(dim=2).any(dim=1)
     assert int(kept.sum()) == len(places)
-    return owner.render(chosen(target.gaussians, kept), camera).pictures[MESSAGE].clamp(0, 1)
+    return owner.render(target.gaussians.select(kept), camera).pictures[MESSAGE].clamp(0, 1)
 
 
 def given(place: Path, kept: Path) -> list[str]:

@@ -16,7 +16,6 @@ from stages.hiding.coupled import FEATURES
 from stages.hiding.method import Method, ReadsRenders, move_networks
 from stages.hiding.networks import SCENE_DECODER
 from stages.scene.gaussians import Gaussians
-from stages.scene.moved_splats import chosen
 from stages.scene.similarity import Similarity
 from stages.scene.spherical_harmonics import SH_BASE, SH_REST
 from stages.training.loop import TrainingViews
@@ -85,11 +84,11 @@ class Target:
 
     def keeping(self, rows: Int[Tensor, " K"]) -> Target:
         """A copy with only the Gaussians in these rows."""
-        return replace(self, gaussians=chosen(self.gaussians, rows))
+        return replace(self, gaussians=self.gaussians.select(rows))
 
     def with_parameters(self, changed: Mapping[str, Tensor]) -> Target:
         """A copy with some parameters replaced; this target's own Gaussians stay as they are."""
-        return replace(self, gaussians=Gaussians(self.gaussians.parameters | dict(changed)))
+        return replace(self, gaussians=self.gaussians.with_parameters(changed))
 
 
 @dataclass(frozen=True)

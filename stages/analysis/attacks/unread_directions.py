@@ -13,7 +13,6 @@ from stages.hiding.rendering import COVER
 from stages.hiding.stored_features import stored
 from stages.scene.cameras import Camera
 from stages.scene.even_spread import evenly_spread
-from stages.scene.gaussians import Gaussians
 
 MOST_VIEWS = 16
 """At most this many training views, evenly spread, probe the scene decoder."""
@@ -69,7 +68,7 @@ def heeded(target: Target, seed: int, knowledge: Knowledge) -> Float64[Tensor, "
 def _gradient(target: Target, camera: Camera, generator: torch.Generator) -> Float64[Tensor, "P M"]:
     """The gradient of the cover's randomly signed sum with respect to the feature map."""
     raw = target.gaussians[FEATURES].detach().requires_grad_()
-    rendering = target.method.render(Gaussians(target.gaussians.parameters | {FEATURES: raw}), camera, wanted=(COVER,))
+    rendering = target.method.render(target.gaussians.with_parameters({FEATURES: raw}), camera, wanted=(COVER,))
     picture = rendering.pictures[COVER]
     signs = torch.randint(0, 2, picture.shape, generator=generator).to(picture.device) * 2.0 - 1
     [gradient] = torch.autograd.grad((signs * picture).sum(), rendering.feature_map)

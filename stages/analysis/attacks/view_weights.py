@@ -158,7 +158,7 @@ def _blending_weights(gaussians: Gaussians, camera: Camera) -> Float[Tensor, " N
 
 def _squared_influence(target: Target, camera: Camera, generator: torch.Generator) -> Float[Tensor, " N"]:
     logits = target.gaussians["logit_opacities"].detach().requires_grad_()
-    gaussians = Gaussians(target.gaussians.parameters | {"logit_opacities": logits})
+    gaussians = target.gaussians.with_parameters({"logit_opacities": logits})
     picture = target.method.render(gaussians, camera, wanted=(COVER,)).pictures[COVER]
     signs = torch.randint(0, 2, picture.shape, generator=generator).to(picture.device) * 2.0 - 1
     (gradient,) = torch.autograd.grad((signs * picture).sum(), logits)

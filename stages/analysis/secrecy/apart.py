@@ -18,7 +18,6 @@ from stages.hiding.method import Method
 from stages.hiding.rendering import COVER, splat
 from stages.scene.cameras import depths_before
 from stages.scene.gaussians import Gaussians
-from stages.scene.moved_splats import chosen
 
 HARDLY = 0.1
 """The cover's share below which a Gaussian is kept. 0.25 and 0.5 show less of the fox's message: r = 0.82 and 0.70,
@@ -41,7 +40,7 @@ class TellsShares(Protocol):
 
 def hardly_shown(gaussians: Gaussians, public: TellsShares) -> Gaussians:
     """The Gaussians of which the cover's share is less than `HARDLY`."""
-    return chosen(gaussians, public.cover_shares(gaussians) < HARDLY)
+    return gaussians.select(public.cover_shares(gaussians) < HARDLY)
 
 
 @torch.no_grad()

@@ -157,8 +157,8 @@ def _changed(
         room = (FARTHEST - (features - 0.5).abs()).clamp_min(0)
         share = (OF_THE_ROOM * room / (amounts.abs().double() + DITHER)).clamp_max(1)
         moved = torch.where(room > 0, stored(features + share * change), gaussians[FEATURES].detach())
-        return Gaussians(gaussians.parameters | {FEATURES: moved})
-    return Gaussians(gaussians.parameters | {SH_BASE: (gaussians[SH_BASE].detach().double() + change).float()})
+        return gaussians.with_parameters({FEATURES: moved})
+    return gaussians.with_parameters({SH_BASE: (gaussians[SH_BASE].detach().double() + change).float()})
 
 
 def _direction(
@@ -182,7 +182,7 @@ def _direction(
 def _derivatives(gaussians: Gaussians, method: Method, camera: Camera) -> Float[Tensor, "C M"]:
     """Derivatives of the cover's three colours and of all messages' channels by the feature map at the same pixel."""
     leaf = gaussians[FEATURES].detach().clone().requires_grad_(True)
-    rendering = method.render(Gaussians(gaussians.parameters | {FEATURES: leaf}), camera)
+    rendering = method.render(gaussians.with_parameters({FEATURES: leaf}), camera)
     cover = rendering.pictures[COVER] @ COLORS.T.to(gaussians.device)
     messages = [picture for name, picture in rendering.pictures.items() if name != COVER]
     channels = torch.cat([cover, *messages], dim=-1)[SPACING // 2 :: SPACING, SPACING // 2 :: SPACING]

@@ -170,7 +170,7 @@ def test_a_picture_changes_only_with_what_its_decoder_is_said_to_read() -> None:
 
     @torch.no_grad()
     def pictures(features: torch.Tensor) -> list[torch.Tensor]:
-        shown = hider.render(Gaussians(gaussians.parameters | {FEATURES: stored(features)}), view).pictures
+        shown = hider.render(gaussians.with_parameters({FEATURES: stored(features)}), view).pictures
         return [shown[name] for name in (COVER, MESSAGE)]
 
     features = 0.25 + 0.5 * gaussians[FEATURES].double().sigmoid()  # so that nothing exceeds what can be stored

@@ -142,7 +142,7 @@ def test_among_equals_the_farthest_and_most_level_wins(monkeypatch: pytest.Monke
     np.testing.assert_allclose(np.linalg.norm(away, axis=1), max(DISTANCES) * radius, rtol=0.02)
     assert steepness(away) == pytest.approx(0, abs=3)
     assert {10 * round(steepness(centres - middle) / 10) for centres in places} == set(TILTS)
-    larger = Gaussians(splats.parameters | {"means": 10 * splats.means})
+    larger = splats.with_parameters({"means": 10 * splats.means})
     place_alone(larger, scene_of(cover), "z", 16, lambda *_: None)
     assert max(fog) == pytest.approx(10 * min(fog), rel=0.01)
 

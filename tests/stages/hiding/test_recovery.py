@@ -13,7 +13,7 @@ from stages.hiding.coupled import FEATURES
 from stages.hiding.recovery import Recovery, TooFewPairs, is_motion, recovered, unlike
 from stages.hiding.stored_features import stored
 from stages.scene.gaussians import Gaussians
-from stages.scene.moved_splats import chosen, mirrored, moved
+from stages.scene.moved_splats import mirrored, moved
 from tests.stages.scene.test_registration import COUNT, motion, pruned, scene
 
 CHANNELS = 6
@@ -29,7 +29,7 @@ def container(seed: int = 0, count: int = COUNT) -> Gaussians:
         "sh_rest": torch.randn(count, 8, 3, generator=generator),
         "message_sh_rest": torch.randn(count, 2, 8, 3, generator=generator),
     }
-    return Gaussians(scene(seed, count).parameters | attributes)
+    return scene(seed, count).with_parameters(attributes)
 
 
 def mixed(gaussians: Gaussians, seed: int) -> Gaussians:
@@ -38,7 +38,7 @@ def mixed(gaussians: Gaussians, seed: int) -> Gaussians:
     turn = torch.linalg.qr(torch.randn(CHANNELS, CHANNELS, generator=generator, dtype=torch.float64)).Q
     centred = 0.5 * (gaussians[FEATURES].double().sigmoid() - 0.5) @ turn
     order = torch.randperm(CHANNELS, generator=generator)
-    return Gaussians(gaussians.parameters | {FEATURES: stored(0.5 + centred)[:, order]})
+    return gaussians.with_parameters({FEATURES: stored(0.5 + centred)[:, order]})
 
 
 def check(recovery: Recovery | None, expected: Gaussians) -> Recovery:
@@ -106,7 +106,7 @@ def test_a_mirror_image_of_which_each_was_shifted_is_known_by_shapes() -> None:
     published = container()
     image = mirrored(published)
     noise = 0.015 * torch.randn(COUNT, 3, generator=torch.Generator().manual_seed(0))
-    recovery = recovered(Gaussians(image.parameters | {"means": image.means + noise}), published, 0)
+    recovery = recovered(image.with_parameters({"means": image.means + noise}), published, 0)
     assert recovery is not None
     assert recovery.mirrored
     assert recovery.is_certain
@@ -117,7 +117,7 @@ def test_what_was_shifted_too_far_for_any_motion_is_known_by_shapes_for_certain(
     published = container()
     found = mixed(published, 6)
     noise = shift * torch.randn(COUNT, 3, generator=torch.Generator().manual_seed(0))
-    found = Gaussians(found.parameters | {"means": found.means + noise})
+    found = found.with_parameters({"means": found.means + noise})
     recovery = recovered(found, published, 0)
     assert recovery is not None
     assert recovery.is_certain
@@ -159,7 +159,7 @@ def test_features_of_a_few_do_not_mislead() -> None:
     found = mixed(published, 4)
     features = found[FEATURES].clone()
     features[: COUNT // 3] = 3.0
-    recovery = recovered(Gaussians(found.parameters | {FEATURES: features}), published, 0)
+    recovery = recovered(found.with_parameters({FEATURES: features}), published, 0)
     assert recovery is not None
     back, expected = (each[FEATURES][COUNT // 3 :].sigmoid() for each in (recovery.gaussians, published))
     assert torch.allclose(back, expected, atol=5e-3)
@@ -167,7 +167,7 @@ def test_features_of_a_few_do_not_mislead() -> None:
 
 def test_clones_and_foreign_gaussians_are_carried_along() -> None:
     published, foreign = container(), container(9, 400)
-    clones = chosen(published, torch.arange(300))
+    clones = published.select(torch.arange(300))
     together = Gaussians(
         {name: torch.cat([published[name], clones[name], foreign[name]]) for name in foreign.parameters}
     )
@@ -178,7 +178,7 @@ def test_clones_and_foreign_gaussians_are_carried_along() -> None:
 def test_noise_on_features_is_no_map() -> None:
     published = container()
     noise = 0.1 * torch.randn(COUNT, CHANNELS, generator=torch.Generator().manual_seed(0))
-    found = Gaussians(published.parameters | {FEATURES: published[FEATURES] + noise})
+    found = published.with_parameters({FEATURES: published[FEATURES] + noise})
     recovery = recovered(found, published, 0)
     assert recovery is not None
     assert not recovery.changed
@@ -187,9 +187,9 @@ def test_noise_on_features_is_no_map() -> None:
 @pytest.mark.parametrize("pairs", range(2 * (CHANNELS + 1), 4 * CHANNELS, 3))
 def test_noise_on_features_of_a_few_is_no_map(pairs: int) -> None:
     """A map fitted to so few pairs would follow their noise and be far off for all others."""
-    few = chosen(container(), torch.arange(pairs))
+    few = container().select(torch.arange(pairs))
     noise = 0.1 * torch.randn(pairs, CHANNELS, generator=torch.Generator().manual_seed(0))
-    recovery = recovered(Gaussians(few.parameters | {FEATURES: few[FEATURES] + noise}), container(), 0)
+    recovery = recovered(few.with_parameters({FEATURES: few[FEATURES] + noise}), container(), 0)
     assert recovery is not None
     assert recovery.feature_change < 0.03, "no more than the noise, a fortieth of an activated feature"
 
@@ -198,7 +198,7 @@ def test_noise_on_places_leaves_features_to_shapes() -> None:
     published = container()
     found = moved(mixed(published, 6), motion(6))
     noise = 0.015 * torch.randn(COUNT, 3, generator=torch.Generator().manual_seed(0))
-    recovery = recovered(Gaussians(found.parameters | {"means": found.means + noise}), published, 0)
+    recovery = recovered(found.with_parameters({"means": found.means + noise}), published, 0)
     assert recovery is not None
     assert recovery.is_certain
     assert torch.allclose(recovery.gaussians[FEATURES].sigmoid(), published[FEATURES].sigmoid(), atol=SAME)
@@ -208,14 +208,14 @@ def test_channels_that_were_left_out_are_told_by_the_others() -> None:
     published = container()
     features = published[FEATURES].double().sigmoid()
     features[:, -1] = 0.2 + 0.3 * features[:, 0] + 0.2 * features[:, 1]
-    published = Gaussians(published.parameters | {FEATURES: stored(features)})
-    found = Gaussians(published.parameters | {FEATURES: published[FEATURES][:, :-1]})
+    published = published.with_parameters({FEATURES: stored(features)})
+    found = published.with_parameters({FEATURES: published[FEATURES][:, :-1]})
     recovery = check(recovered(found, published, 0), published)
     assert recovery.gaussians[FEATURES].shape == published[FEATURES].shape
     assert unlike(found.parameters, published.parameters) == ()
     few = torch.arange(3 * CHANNELS - 1)
     with pytest.raises(TooFewPairs) as told:
-        recovered(chosen(found, few), chosen(published, few), 0)
+        recovered(found.select(few), published.select(few), 0)
     assert told.value.is_certain
     assert told.value.pairs == told.value.needed - 1
 
@@ -231,7 +231,7 @@ def test_splats_without_features() -> None:
 def test_nothing_is_recovered_of_what_does_not_match() -> None:
     published = container()
     assert recovered(container(1), published, 0) is None
-    assert recovered(chosen(published, torch.arange(0)), published, 0) is None
+    assert recovered(published.select(torch.arange(0)), published, 0) is None
 
 
 def test_seeds_repeat() -> None:

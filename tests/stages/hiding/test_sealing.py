@@ -21,7 +21,6 @@ from stages.hiding.rendering import COVER
 from stages.hiding.sealing import Seal, can_be_sealed
 from stages.hiding.stored_features import FARTHEST, stored
 from stages.scene.gaussians import Gaussians, gaussians_at
-from stages.scene.moved_splats import chosen
 
 KEY = bytes(range(32))
 
@@ -122,10 +121,10 @@ def test_what_is_as_expected_noise_cannot_change_much() -> None:
     gaussians = some_gaussians(method, 1000, 0.3)
     around = centred(gaussians) - unread(gaussians, method)
     same = around + unread(gaussians, method)[:1] + 0.02 * unread(gaussians, method)
-    gaussians = Gaussians(gaussians.parameters | {FEATURES: stored(0.5 + same)})
+    gaussians = gaussians.with_parameters({FEATURES: stored(0.5 + same)})
     closed, opened = sealed(gaussians, method, KEY)
     noise = 0.02 * torch.randn(1000, 16, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
-    found = Gaussians(closed.parameters | {FEATURES: stored(0.5 + centred(closed) + noise)})
+    found = closed.with_parameters({FEATURES: stored(0.5 + centred(closed) + noise)})
     back = opened(found, torch.arange(1000))
     assert (unread(back, method) - unread(gaussians, method)).norm(dim=1).max() < 0.05
 
@@ -154,8 +153,8 @@ def test_what_is_missing_takes_nothing_from_others() -> None:
     kept = torch.randperm(300, generator=torch.Generator().manual_seed(0))[:200]
     rows = torch.full((300,), -1)
     rows[kept] = torch.arange(200)
-    moved = Gaussians(closed.parameters | {"means": closed.means + 1})
-    back = opened(chosen(moved, kept), rows)
+    moved = closed.with_parameters({"means": closed.means + 1})
+    back = opened(moved.select(kept), rows)
     in_order = kept.sort().values
     assert torch.equal(back.means, moved.means[in_order]), "only features are changed"
     torch.testing.assert_close(centred(back), centred(gaussians)[in_order], rtol=0, atol=1e-5)
@@ -165,7 +164,7 @@ def test_what_is_missing_takes_nothing_from_others() -> None:
 def test_where_none_is_found_none_comes_back(count: int) -> None:
     method = homogeneous()
     closed, opened = sealed(some_gaussians(method, 300, 1.0), method, KEY)
-    found = chosen(closed, torch.arange(count))
+    found = closed.select(torch.arange(count))
     assert len(opened(found, torch.full((300,), -1))) == 0
 
 
@@ -176,7 +175,7 @@ def test_what_is_done_to_what_the_scene_decoder_reads_does_not_come_between() ->
     read, _ = torch.linalg.qr(method.rows_read().double().T)
     noise = 0.02 * torch.randn(300, read.shape[1], generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     changed = centred(closed) + noise @ read.T
-    back = opened(Gaussians(closed.parameters | {FEATURES: stored(0.5 + changed)}), torch.arange(300))
+    back = opened(closed.with_parameters({FEATURES: stored(0.5 + changed)}), torch.arange(300))
     there = changed.abs().amax(dim=1) < FARTHEST  # what leaves the cube cannot be stored
     assert there.sum() > 200
     torch.testing.assert_close(unread(back, method)[there], unread(gaussians, method)[there], rtol=0, atol=1e-5)
@@ -193,7 +192,7 @@ def test_no_pad_is_used_twice(changed: str) -> None:
     if network := other_method.networks.get(changed):
         network.directions.data += 1
     other_key = bytes(32) if changed == "key" else KEY
-    other = Seal.made(Gaussians(gaussians.parameters | others), other_method, other_key)
+    other = Seal.made(gaussians.with_parameters(others), other_method, other_key)
     assert Seal.made(gaussians, method, KEY).key == Seal.made(gaussians, method, KEY).key != other.key
 
 
@@ -218,7 +217,7 @@ def test_a_corner_of_the_cube_stays_as_it_is() -> None:
     method = homogeneous()
     read, _ = torch.linalg.qr(method.rows_read().double().T)
     gaussians = some_gaussians(method, 1, 1.0)
-    cornered = Gaussians(gaussians.parameters | {FEATURES: stored(0.5 + 9 * (read @ read.T).sum(dim=1)[None].sign())})
+    cornered = gaussians.with_parameters({FEATURES: stored(0.5 + 9 * (read @ read.T).sum(dim=1)[None].sign())})
     assert Seal.made(cornered, method, KEY).in_the_clear == 1
     closed, opened = sealed(cornered, method, KEY)
     back = opened(closed, torch.arange(1))

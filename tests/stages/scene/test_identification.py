@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from stages.scene import identification
 from stages.scene.gaussians import Gaussians
 from stages.scene.identification import MISSING, PAIRED, identified
-from stages.scene.moved_splats import chosen, moved
+from stages.scene.moved_splats import moved
 from stages.scene.registration import register
 from tests.stages.scene.test_registration import motion, scene, shaken
 
@@ -32,7 +32,7 @@ def right(rows: np.ndarray, expected: np.ndarray) -> float:
 def test_shifted_and_moved_gaussians_are_told_by_their_shapes(shift: float, scale: float | None) -> None:
     published = scene(0)
     kept = torch.randperm(COUNT, generator=torch.Generator().manual_seed(3))[: COUNT // 2]
-    found = chosen(shaken(published, "means", shift), kept)
+    found = shaken(published, "means", shift).select(kept)
     found = found if scale is None else moved(found, motion(1, scale))
     expected = np.full(COUNT, MISSING)
     expected[kept.numpy()] = np.arange(len(kept))
@@ -61,7 +61,7 @@ def test_strangers_are_none_of_them(shift: float) -> None:
     published, strangers = scene(0), scene(5)
     rows = identified(joined(strangers, shaken(published, "means", shift)), published, 0)
     assert right(rows, COUNT + np.arange(COUNT)) > 0.99
-    assert (identified(joined(strangers, chosen(published, torch.arange(900))), published, 0)[900:] == MISSING).all()
+    assert (identified(joined(strangers, published.select(torch.arange(900))), published, 0)[900:] == MISSING).all()
 
 
 @pytest.mark.parametrize("changed", [{"logit_opacities": -9.0}, {"log_scales": -12.0}, {"means": 50.0}])
@@ -74,8 +74,8 @@ def test_decoys_are_not_taken_for_what_they_stand_beside(changed: dict[str, floa
     """
     published = scene(0)
     colours = torch.rand(COUNT, 3, generator=torch.Generator().manual_seed(4)).numpy()
-    decoy = Gaussians(
-        published.parameters | {name: torch.full_like(published[name], value) for name, value in changed.items()}
+    decoy = published.with_parameters(
+        {name: torch.full_like(published[name], value) for name, value in changed.items()}
     )
     found = joined(*[decoy] * copies, shaken(published, "means", shift))
     rows = identified(found, published, 0, [(np.tile(colours, (copies + 1, 1)), colours)])
@@ -86,25 +86,25 @@ def test_a_part_that_was_shifted_is_told_where_the_rest_stands_at_its_places() -
     published = scene(0)
     part = torch.arange(COUNT) < COUNT // 4
     means = torch.where(part[:, None], shaken(published, "means", SHIFTED).means, published.means)
-    found = Gaussians(published.parameters | {"means": means})
+    found = published.with_parameters({"means": means})
     assert right(identified(found, published, 0), np.arange(COUNT)) > 0.99
 
 
 def test_of_several_with_one_shape_it_is_the_nearest() -> None:
     published = scene(0)
-    twins = joined(published, Gaussians({name: values[:200] for name, values in published.parameters.items()}))
+    twins = joined(published, published.select(torch.arange(200)))
     means = torch.cat([published.means, published.means[:200] + 3.0])
-    twins = Gaussians(twins.parameters | {"means": means})
+    twins = twins.with_parameters({"means": means})
     rows = identified(shaken(twins, "means", SHIFTED), twins, 0)
     assert right(rows, np.arange(COUNT + 200)) > 0.99
 
 
 def test_what_else_is_told_tells_twins_apart() -> None:
     published = scene(0)
-    twins = joined(published, chosen(published, torch.arange(200)))
+    twins = joined(published, published.select(torch.arange(200)))
     colours = np.arange(len(twins), dtype=float)[:, None]
     order = np.random.default_rng(0).permutation(len(twins))
-    found = chosen(twins, torch.from_numpy(order))
+    found = twins.select(torch.from_numpy(order))
     rows = identified(found, twins, 0, [(colours[order], colours)])
     assert right(order[rows], np.arange(len(twins))) > 0.99
 
@@ -117,7 +117,7 @@ def test_of_clones_one_is_taken() -> None:
 
 def test_no_found_one_is_two() -> None:
     published = scene(0)
-    rows = identified(chosen(shaken(published, "means", SHIFTED), torch.arange(700)), published, 0)
+    rows = identified(shaken(published, "means", SHIFTED).select(torch.arange(700)), published, 0)
     known = rows[rows != MISSING]
     assert len(known) == len(np.unique(known))
 
@@ -149,7 +149,7 @@ def test_of_values_that_many_share_few_are_looked_at_and_the_others_tell(
 
 def test_a_found_one_that_two_resemble_is_the_one_it_resembles_most() -> None:
     published = scene(0)
-    alike = shaken(shaken(chosen(published, torch.arange(300)), "means", 1e-4), "log_scales", 1e-3)
+    alike = shaken(shaken(published.select(torch.arange(300)), "means", 1e-4), "log_scales", 1e-3)
     rows = identified(published, joined(alike, published), 0)
     assert right(rows, np.concatenate([np.full(300, MISSING), np.arange(COUNT)])) > 0.99
 

@@ -93,7 +93,7 @@ def test_harmonics_of_every_picture_turn_and_what_a_method_adds_stays() -> None:
     features = torch.randn(5, 7, generator=torch.Generator().manual_seed(0))
     two = torch.stack([gaussians["sh_rest"], 2 * gaussians["sh_rest"]], dim=1)
     similarity = Similarity(2.0, Rotation.from_rotvec([0.3, 0.4, 0.5]).as_matrix(), np.ones(3))
-    there = moved(Gaussians(gaussians.parameters | {"message_sh_rest": two, "raw_features": features}), similarity)
+    there = moved(gaussians.with_parameters({"message_sh_rest": two, "raw_features": features}), similarity)
     turned = turned_harmonics(gaussians["sh_rest"], similarity.rotation)
     torch.testing.assert_close(there["sh_rest"], turned)
     torch.testing.assert_close(there["message_sh_rest"], torch.stack([turned, 2 * turned], dim=1))

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from stages.scene.gaussians import Gaussians
-from stages.scene.moved_splats import chosen, moved
+from stages.scene.moved_splats import moved
 from stages.scene.registration import Registration, register, register_scattered
 from stages.scene.similarity import Similarity
 
@@ -40,12 +40,12 @@ def motion(seed: int, scale: float = 1.0) -> Similarity:
 
 def pruned(gaussians: Gaussians, share: float, seed: int = 0) -> Gaussians:
     order = torch.randperm(len(gaussians), generator=torch.Generator().manual_seed(seed))
-    return chosen(gaussians, order[round(share * len(gaussians)) :])
+    return gaussians.select(order[round(share * len(gaussians)) :])
 
 
 def shaken(gaussians: Gaussians, name: str, sigma: float) -> Gaussians:
     noise = torch.randn(gaussians[name].shape, generator=torch.Generator().manual_seed(7))
-    return Gaussians(gaussians.parameters | {name: gaussians[name] + sigma * noise})
+    return gaussians.with_parameters({name: gaussians[name] + sigma * noise})
 
 
 def is_identity(found: Similarity) -> bool:
@@ -136,7 +136,7 @@ def test_what_was_scattered_is_known_if_a_quarter_kept_their_shapes(share: float
     other = shaken(scattered, "log_scales", 1.0)
     kept = torch.arange(COUNT) < share * COUNT
     sizes = torch.where(kept[:, None], scattered["log_scales"], other["log_scales"])
-    found = Gaussians(scattered.parameters | {"log_scales": sizes})
+    found = scattered.with_parameters({"log_scales": sizes})
     assert register(found, published, 0) is None
     registration = register_scattered(found, published, 0)
     assert (registration is not None) == is_known
@@ -155,7 +155,7 @@ def test_points_of_a_few_usual_sizes_are_not_known_by_these(kinds: int) -> None:
         "log_scales": torch.arange(kinds).repeat(COUNT // kinds)[:, None].expand(-1, 3) * 0.5 - 4.0,
         "logit_opacities": torch.full((COUNT,), 2.0),
     }
-    published, stranger = (Gaussians(scene(seed).parameters | usual) for seed in (0, 5))
+    published, stranger = (scene(seed).with_parameters(usual) for seed in (0, 5))
     assert register(stranger, published, 0) is None
     assert register_scattered(stranger, published, 0) is None
 
@@ -171,13 +171,13 @@ def test_sizes_may_be_noisy_and_axes_change_places() -> None:
     published, expected = scene(0), motion(4)
     found = shaken(moved(published, expected), "log_scales", 0.03)
     check(register(found, published, 0), expected)
-    turned = Gaussians(found.parameters | {"log_scales": found["log_scales"][:, [2, 0, 1]]})
+    turned = found.with_parameters({"log_scales": found["log_scales"][:, [2, 0, 1]]})
     check(register(turned, published, 0), expected)
 
 
 def test_doubled_and_foreign_gaussians_do_not_disturb() -> None:
     published, expected = scene(0), motion(5)
-    clones, foreign = chosen(published, torch.arange(500)), scene(9, COUNT)
+    clones, foreign = published.select(torch.arange(500)), scene(9, COUNT)
     together = Gaussians(
         {name: torch.cat([published[name], clones[name], foreign[name]]) for name in foreign.parameters}
     )
@@ -240,8 +240,8 @@ def test_many_foreign_gaussians_do_not_lie_where_published_ones_do_by_chance() -
 def test_it_takes_ten_gaussians() -> None:
     published = scene(0)
     for count in (1, 3, 9):
-        assert register(chosen(published, torch.arange(count)), published, 0) is None
-    registration = register(chosen(published, torch.arange(10)), published, 0)
+        assert register(published.select(torch.arange(count)), published, 0) is None
+    registration = register(published.select(torch.arange(10)), published, 0)
     assert registration is not None
     assert registration.is_certain
 
@@ -250,13 +250,13 @@ def test_what_has_nothing_to_do_with_it_is_not_recognised() -> None:
     published = scene(0)
     for other in (scene(1), scene(1, 40), moved(scene(2), motion(1, 3.0)), pruned(published, 0.997)):
         assert register(moved(other, motion(6)), published, 0) is None
-    assert register(chosen(published, torch.arange(0)), published, 0) is None
-    assert register(published, chosen(published, torch.arange(0)), 0) is None
+    assert register(published.select(torch.arange(0)), published, 0) is None
+    assert register(published, published.select(torch.arange(0)), 0) is None
 
 
 def test_gaussians_all_at_one_place_are_no_scene() -> None:
     published = scene(0)
-    heap = Gaussians(published.parameters | {"means": torch.ones(COUNT, 3)})
+    heap = published.with_parameters({"means": torch.ones(COUNT, 3)})
     assert register(heap, published, 0) is None
     assert register(published, heap, 0) is None
     tiny = moved(scene(1), Similarity(1e-9, np.eye(3), published.means[0].double().numpy()))
@@ -280,14 +280,14 @@ def test_places_shared_with_another_training_do_not_make_it_yours(expected: Simi
     published = scene(0)
     shared = torch.arange(COUNT) < share * COUNT
     means = torch.where(shared[:, None], published.means, scene(3).means)
-    trained = Gaussians(scene(3).parameters | {"means": means})
+    trained = scene(3).with_parameters({"means": means})
     registration = register(trained, published, 0)
     assert registration is not None
     assert registration.matched == pytest.approx(share, abs=0.01)
     assert not registration.is_certain
-    copied = Gaussians(published.parameters | {"means": means})
+    copied = published.with_parameters({"means": means})
     assert check(register(moved(copied, expected), published, 0), expected).is_certain
-    reshaped = Gaussians(scene(3).parameters | {"means": published.means})
+    reshaped = scene(3).with_parameters({"means": published.means})
     assert check(register(reshaped, published, 0), Similarity.identity()).is_certain, "all of its places are"
 
 
@@ -300,6 +300,6 @@ def test_a_tenth_of_shapes_beside_shared_places_makes_it_yours(share: float, is_
     places = {"means": torch.where(shared[:, None], published.means, trained.means)}
     sizes = {"log_scales": torch.where(copied[:, None], published["log_scales"], trained["log_scales"])}
     opacities = {"logit_opacities": torch.where(copied, published["logit_opacities"], trained["logit_opacities"])}
-    registration = register(Gaussians(trained.parameters | places | sizes | opacities), published, 0)
+    registration = register(trained.with_parameters(places | sizes | opacities), published, 0)
     assert registration is not None
     assert registration.is_certain == is_certain

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import torch
 
-from stages.scene.gaussians import Gaussians
 from stages.scene.moved_splats import moved
 from stages.scene.shape_pairs import SAMPLED, agreeing, pairs_by_shape
 from stages.scene.similarity import Similarity, fit_similarity
@@ -17,7 +16,7 @@ from tests.stages.scene.test_registration import motion, scene
 def test_pairs_are_the_same_gaussians_in_any_order(any_scale: bool) -> None:
     published = scene(0)
     order = torch.randperm(len(published), generator=torch.Generator().manual_seed(0))
-    found = Gaussians({name: values[order] for name, values in published.parameters.items()})
+    found = published.select(order)
     rows, partners, alike = pairs_by_shape(moved(found, motion(1, 7.0 if any_scale else 1.0)), published, any_scale, 0)
     assert len(rows) > 0.99 * len(published)
     assert alike.all()
@@ -27,7 +26,7 @@ def test_pairs_are_the_same_gaussians_in_any_order(any_scale: bool) -> None:
 def test_sizes_as_they_are_stored_tell_more_than_proportions() -> None:
     published = scene(0)
     noise = 0.1 * torch.randn(len(published), 3, generator=torch.Generator().manual_seed(0))
-    found = Gaussians(published.parameters | {"log_scales": published["log_scales"] + noise})
+    found = published.with_parameters({"log_scales": published["log_scales"] + noise})
     pairs = [pairs_by_shape(found, published, any_scale, 0) for any_scale in (False, True)]
     right = [np.count_nonzero(rows == partners) for rows, partners, _ in pairs]
     assert right[0] > 1.2 * right[1]

@@ -8,7 +8,6 @@ import torch
 from pipeline.errors import UserError
 from stages.hiding.method import build_method
 from stages.hiding.rendering import COVER
-from stages.scene.gaussians import Gaussians
 from stages.training.feature_tuning import FeatureRates, feature_training, refuse_unknown_attributes
 from stages.training.loop import TrainingViews
 from stages.training.objectives import cover_term
@@ -20,7 +19,7 @@ def test_harmonics_are_all_shown_from_the_first_iteration(method_name: str) -> N
     """Gaussians whose colours depend on the viewing direction are tuned on their own renders."""
     trained = prepared(method_name, 1)
     rest = torch.randn(trained.gaussians["sh_rest"].shape, generator=torch.Generator().manual_seed(0))
-    gaussians = Gaussians(trained.gaussians.parameters | {"sh_rest": rest})
+    gaussians = trained.gaussians.with_parameters({"sh_rest": rest})
     cameras = trained.views.cameras
     with torch.no_grad():
         shown = [trained.method.render(gaussians, camera).pictures[COVER].clamp(0, 1) for camera in cameras]

@@ -32,7 +32,7 @@ def cloud(seed: int = 0, count: int = 2500) -> tuple[Gaussians, Method]:
         "log_scales": torch.from_numpy(sizes).float(),
         "logit_opacities": torch.full((count,), 3.0),
     }
-    return Gaussians(gaussians.parameters | changed), method
+    return gaussians.with_parameters(changed), method
 
 
 def rig(seed: int = 1, views: int = VIEWS) -> Cameras:

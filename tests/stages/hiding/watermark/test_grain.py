@@ -54,7 +54,7 @@ def test_splats_get_a_grain_of_one_colour(tmp_path: Path) -> None:
     for name in GEOMETRY:
         assert torch.equal(after[name], before[name])
     assert follows(before, after, coins(before))
-    assert not follows(before, Gaussians(after.parameters | {"means": after.means + 1}), coins(before))
+    assert not follows(before, after.with_parameters({"means": after.means + 1}), coins(before))
     seen = differences(before, after, tmp_path, method, COVER) @ COLORS.T
     assert rms(seen[..., GRAIN]) == pytest.approx(LEVEL * 3**0.5, rel=0.05)
     assert max(rms(seen[..., LUMINANCE]), rms(seen[..., ACROSS])) < 0.05 * rms(seen[..., GRAIN])
@@ -86,7 +86,7 @@ def test_coupled_features_keep_the_message(tmp_path: Path) -> None:
     after = grained(before, method, cameras, LEVEL, coins(before), dither())
     assert follows(before, after, coins(before))
     assert not follows(before, after, coins(before, seed=1))
-    clamped = Gaussians(after.parameters | {"raw_features": after["raw_features"].clamp(-9.21, 9.21)})
+    clamped = after.with_parameters({"raw_features": after["raw_features"].clamp(-9.21, 9.21)})
     assert follows(before, clamped, coins(before)), "as grains of earlier versions are"
 
 
@@ -98,7 +98,7 @@ def test_a_grain_that_features_have_no_room_for_is_reported(tmp_path: Path) -> N
     grey = {COVER: np.full((len(plain), 3), 0.5)}
     attributes = method.initial_attributes(grey, np.random.default_rng(0))
     before = Gaussians({name: plain[name] for name in GEOMETRY} | attributes)
-    full = Gaussians(before.parameters | {"raw_features": torch.full_like(before["raw_features"], 5.0)})
+    full = before.with_parameters({"raw_features": torch.full_like(before["raw_features"], 5.0)})
     cameras = read_scene(small.scene(tmp_path / "scene")).cameras
     for gaussians, reached in ((before, True), (full, False)):
         log: list[str] = []
@@ -174,6 +174,6 @@ def test_gaussians_without_colours_are_refused(tmp_path: Path) -> None:
 def test_gaussians_that_no_camera_sees_are_refused(tmp_path: Path) -> None:
     artifact = small.splats(tmp_path / "splats")
     gaussians, method = read_gaussians(artifact), read_method(artifact)
-    unseen = Gaussians(gaussians.parameters | {"logit_opacities": torch.full((len(gaussians),), -50.0)})
+    unseen = gaussians.with_parameters({"logit_opacities": torch.full((len(gaussians),), -50.0)})
     with pytest.raises(UserError, match="grain does not show"):
         grained(unseen, method, read_scene(small.scene(tmp_path / "scene")).cameras, LEVEL, coins(unseen), dither())
