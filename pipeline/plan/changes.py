@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 from pipeline.canonical import Json
 from pipeline.plain_text import in_a_line, listed, without_controls
-from pipeline.store.external import Contents
+from pipeline.plan.known import Known
 from pipeline.workflow.graph import Node
 
 Part = Literal["stage", "version", "parameter", "code", "external", "input", "item", "private", "format"]
@@ -41,14 +41,6 @@ class Change:
         """The change as JSON fields, `details` included."""
         fields = {"part": self.part, "name": self.name, "text": self.text, "before": self.before, "after": self.after}
         return {**fields, **self.details}
-
-
-class Known(Protocol):
-    """What digests stand for: the modules behind one of code, the files behind one of a folder; None if unknown."""
-
-    def code(self, digest: str) -> Mapping[str, Any] | None: ...
-
-    def files(self, digest: str) -> Contents | None: ...
 
 
 def changes(node: Node, old: Mapping[str, Any], new: Mapping[str, Any], known: Known) -> tuple[Change, ...]:

@@ -10,7 +10,8 @@ from typing import Any
 
 from pipeline.plan.changes import Change, changes
 from pipeline.plan.keys import key_parts
-from pipeline.plan.plan import Known, Step
+from pipeline.plan.known import Known
+from pipeline.plan.plan import Step
 from pipeline.store.record import Record
 from pipeline.store.store import Store
 from pipeline.workflow.graph import Graph, Node, Source

@@ -16,9 +16,8 @@ from pipeline.collection import without_collection
 from pipeline.plan.changes import Change, changes
 from pipeline.plan.keys import key_of, key_parts
 from pipeline.plan.kindred import Kindred
+from pipeline.plan.known import Known
 from pipeline.plan.loss import refusal, words_of_loss
-from pipeline.store.external import Contents
-from pipeline.store.external_cache import ExternalCache
 from pipeline.store.history import LastResult, StageResult
 from pipeline.store.record import Record
 from pipeline.store.stage_log import is_log_of
@@ -57,28 +56,6 @@ class Step:
         if self.failed is None:
             return None
         return f"failed last time{'' if self.key else ', with these inputs or others'}: {self.failed}"
-
-
-class Known:
-    """What the store knows about digests of code and of external files, each looked up once."""
-
-    def __init__(self, store: Store) -> None:
-        self._store = store
-        self._external = ExternalCache(store)
-        self._codes: dict[str, Mapping[str, Any] | None] = {}
-        self._files: dict[str, Contents | None] = {}
-
-    def code(self, digest: str) -> Mapping[str, Any] | None:
-        """The modules that a digest of code stands for: see `Store.code`. None if unknown."""
-        if digest not in self._codes:
-            self._codes[digest] = self._store.code(digest)
-        return self._codes[digest]
-
-    def files(self, digest: str) -> Contents | None:
-        """The external files that a digest stands for; None if unknown."""
-        if digest not in self._files:
-            self._files[digest] = self._external.contents(digest)
-        return self._files[digest]
 
 
 def make_plan(graph: Graph, store: Store, kept: Mapping[str, Record] | None = None) -> dict[str, Step]:

@@ -199,7 +199,7 @@ def cover(quantity: str, split: str | None = "test") -> Figure:
     return lambda run: mean_of([row for row in run.rows if row.message is None], Column(quantity, split))
 
 
-def message(quantity: str, split: str = "test", only_legal: bool = False, number: int | None = None) -> Figure:
+def message(quantity: str, split: str | None = "test", only_legal: bool = False, number: int | None = None) -> Figure:
     """The mean of a quantity over a message's views, or only its legal ones.
 
     For several messages, it is the mean over them, or only that of the message at `number`, from 0.
@@ -216,7 +216,7 @@ def messages_of(run: Run, number: int | None = None) -> tuple[str, ...]:
     return run.messages if number is None else run.messages[number : number + 1]
 
 
-def of_message(run: Run, name: str, quantity: str, split: str = "test", only_legal: bool = False) -> float:
+def of_message(run: Run, name: str, quantity: str, split: str | None = "test", only_legal: bool = False) -> float:
     """The mean of a quantity over the views of one message; NaN where it was not measured."""
     return mean_of([row for row in run.rows if row.message == name], Column(quantity, split, only_legal=only_legal))
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from stages.analysis.page.figures import MISSING
+from stages.analysis.page.tables import Column
 from stages.analysis.paper.grid import Cell, Grid, Line, figure_cell, without_empty_columns
 from stages.analysis.paper.measuring import UNKNOWN, measure, message, messages_of
 from stages.analysis.paper.runs import Run, capture_title
@@ -13,24 +14,15 @@ from stages.analysis.paper.runs import Run, capture_title
 CAPTION = "legal views and covered pixels, test views"
 
 
-@dataclass(frozen=True)
-class Column:
-    """A quantity over all views of a split, or only over the legal ones."""
-
-    quantity: str
-    split: str = "test"
-    only_legal: bool = False
-
-
 COLUMNS: Mapping[str, Column] = {
-    "PSNR (dB)": Column("psnr"),
-    "Legal views": Column("legal"),
-    "PSNR, legal (dB)": Column("psnr", only_legal=True),
-    "SSIM, legal": Column("ssim", only_legal=True),
-    "PSNR, covered (dB)": Column("psnr_covered"),
-    "SSIM, covered": Column("ssim_covered"),
-    "One colour (dB)": Column("psnr_constant"),
-    "Coverage": Column("coverage"),
+    "PSNR (dB)": Column("psnr", "test"),
+    "Legal views": Column("legal", "test"),
+    "PSNR, legal (dB)": Column("psnr", "test", only_legal=True),
+    "SSIM, legal": Column("ssim", "test", only_legal=True),
+    "PSNR, covered (dB)": Column("psnr_covered", "test"),
+    "SSIM, covered": Column("ssim_covered", "test"),
+    "One colour (dB)": Column("psnr_constant", "test"),
+    "Coverage": Column("coverage", "test"),
     "PSNR, training (dB)": Column("psnr", "train"),
 }
 

@@ -14,7 +14,8 @@ from pipeline.code.fingerprint import Code, read_module
 from pipeline.plan.changes import changes
 from pipeline.plan.explanation import Explanation, as_json, explain, in_words
 from pipeline.plan.keys import key_of, key_parts
-from pipeline.plan.plan import Known, make_plan
+from pipeline.plan.known import Known
+from pipeline.plan.plan import make_plan
 from pipeline.store.external_cache import ExternalCache
 from pipeline.store.history import History, StageResult
 from pipeline.workflow.graph import Node, Source
