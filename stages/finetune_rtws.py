@@ -18,7 +18,6 @@ from stages.hiding.what_is_hidden import messages_to_read, view_that_hides
 from stages.imaging.image import filling, read_image
 from stages.imaging.metric_table import write_rows
 from stages.imaging.pictures import picture_to_tensor
-from stages.scene.cameras import single_cameras
 from stages.scene.message_views import read_message_pictures
 from stages.scene.scene import Scene, read_scene
 from stages.training.feature_tuning import (
@@ -27,7 +26,7 @@ from stages.training.feature_tuning import (
     half_watermarked,
     refuse_unknown_attributes,
 )
-from stages.training.objectives import FixedView, PictureTerm, hiding_terms
+from stages.training.objectives import FixedView, PictureTerm, hidden_image, hiding_terms
 from stages.training.session import train
 from stages.training.threads import Threads
 from stages.training.views import training_views
@@ -117,6 +116,5 @@ def _hidden_image(
         return ()
     name, picture = read_image(image)
     view = view_that_hides(name, secret, scene, "finetune_rtws")
-    camera = single_cameras(scene.cameras.select([view]))[0]
-    truth = torch.from_numpy(filling(picture, camera.width, camera.height))
-    return (FixedView(PictureTerm(name, parameters.lambda_message, parameters.ssim_weight), camera, truth),)
+    term = PictureTerm(name, parameters.lambda_message, parameters.ssim_weight)
+    return (hidden_image(term, picture, scene.cameras, view),)

@@ -12,13 +12,12 @@ from pipeline.stage import Context, Input, Output, stage
 from stages.hiding.key import generator_apart
 from stages.hiding.method_names import module_of
 from stages.hiding.storage import write_container, write_secret
-from stages.imaging.image import filling, read_image
+from stages.imaging.image import read_image
 from stages.imaging.metric_table import write_rows
-from stages.scene.cameras import single_cameras
 from stages.scene.learnt_views import learnt_names
 from stages.scene.scene import Scene, read_scene
 from stages.training.hiding import HidingParameters, hiding_training
-from stages.training.objectives import FixedView, PictureTerm, cover_term
+from stages.training.objectives import PictureTerm, cover_term, hidden_image
 from stages.training.session import train
 from stages.training.views import training_views
 
@@ -53,8 +52,7 @@ def hide_image(context: Context, parameters: HideImageParameters) -> None:
     cover = read_scene(context.input("cover"))
     name, picture = read_image(context.input("image"))
     view = chosen_view(cover, parameters.view, context.input_optional("key"))
-    camera = single_cameras(cover.cameras.select([view]))[0]
-    truth = torch.from_numpy(filling(picture, camera.width, camera.height))
+    term = PictureTerm(name, parameters.lambda_message, parameters.ssim_weight_message)
     training = hiding_training(
         parameters,
         cover,
@@ -62,7 +60,7 @@ def hide_image(context: Context, parameters: HideImageParameters) -> None:
         training_views(cover),
         [cover_term(parameters.ssim_weight_cover)],
         context.input_optional("key"),
-        fixed=[FixedView(PictureTerm(name, parameters.lambda_message, parameters.ssim_weight_message), camera, truth)],
+        fixed=[hidden_image(term, picture, cover.cameras, view)],
     )
     curves = train(context, training)
     write_container(context.output("container"), training.gaussians, training.method)
