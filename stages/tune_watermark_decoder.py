@@ -126,7 +126,7 @@ def tune_watermark_decoder(context: Context, parameters: TuneWatermarkDecoderPar
     if before is not None:
         pictures[CLEAN] = seen(before)
     codec = read_codec(context.input("codec")).to(device)
-    codec.expect(picture_to_tensor(watermark, device).permute(2, 0, 1))
+    codec.expect(picture_to_tensor(watermark, device))
     if parameters.whole_pictures:
         codec.see_whole_pictures()
     longest = longest_for(scene.cameras.width, scene.cameras.height)

@@ -46,9 +46,8 @@ def _scores(
     codec: WatermarkCodec, group: str, images: Sequence[Picture], watermarks: Sequence[Picture]
 ) -> Iterator[Measurement]:
     for row, (image, watermark) in enumerate(zip(images, watermarks, strict=True)):
-        cover, hidden = (picture_to_tensor(each, codec.device).permute(2, 0, 1)[None] for each in (image, watermark))
-        marked = picture_to_tensor(tensor_to_picture(codec.watermark_encoder(cover, hidden)), codec.device)
-        found = codec.watermark_decoder(marked)
+        cover, hidden = (picture_to_tensor(each, codec.device) for each in (image, watermark))
+        marked = picture_to_tensor(tensor_to_picture(codec.encode(cover, hidden)), codec.device)
+        found = codec.decode(marked)
         for quantity, picture, truth in ((MARKED, marked, cover), (FOUND, found, hidden)):
-            value = psnr(picture.permute(0, 2, 3, 1), truth.permute(0, 2, 3, 1))
-            yield Measurement(quantity, value, group, view=f"window {row}", split="test")
+            yield Measurement(quantity, psnr(picture, truth), group, view=f"window {row}", split="test")

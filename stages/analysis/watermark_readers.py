@@ -6,11 +6,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from stages.analysis.watermark_trials import Shows, stretched
+from stages.analysis.watermark_trials import Shows
 from stages.hiding.watermark.codec import WatermarkCodec
 from stages.hiding.watermark.reading import GrainReader
 from stages.imaging.pictures import Picture
-from stages.training.decoder_tuning import decoded
+from stages.training.decoder_tuning import decoded, resized_to
 
 
 def shown_by_decoder(codec: WatermarkCodec) -> Shows:
@@ -25,4 +25,4 @@ def shown_by_decoder(codec: WatermarkCodec) -> Shows:
 
 def shown_by_grain(reader: GrainReader, watermark: Picture) -> Shows:
     """Our reader: it shows the watermark multiplied by the owner's certainty that the picture has the grain."""
-    return lambda picture: reader.certainty(picture) * stretched(watermark, picture)
+    return lambda picture: reader.certainty(picture) * resized_to(picture, watermark)

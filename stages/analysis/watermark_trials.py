@@ -19,8 +19,9 @@ from stages.analysis.detection import (
 )
 from stages.analysis.measurements import Measurement
 from stages.imaging.distortions import DISTORTIONS, Distortion
-from stages.imaging.pictures import Picture, picture_to_tensor, resize_picture
+from stages.imaging.pictures import Picture
 from stages.imaging.psnr import psnr
+from stages.training.decoder_tuning import resized_to
 
 Shows = Callable[[Picture], Float[Tensor, "H W 3"]]
 """A reader of the watermark: maps an 8-bit picture with even sides to a watermark of the same size, in [0, 1]."""
@@ -95,7 +96,7 @@ class Negative:
 
 
 class Detector:
-    """A reader `shows`, and the watermark it looks for, which is stretched to the size of each picture.
+    """A reader `shows`, and the watermark it looks for, which is resized to the size of each picture.
 
     A reader that knows how much chance explains has a threshold of its own, `own_share` of the watermark, as its owner
     uses it. The paper's decoder has none, so calibration renders set its threshold.
@@ -117,18 +118,13 @@ class Detector:
 
     def _look(self, picture: Picture) -> Shown:
         found = self.shows(picture)
-        wanted = stretched(self.watermark, picture)
+        wanted = resized_to(picture, self.watermark)
         return Shown(
             explained_share(found.clamp(0, 1), wanted),
             psnr(found, wanted),
             psnr(found, torch.zeros_like(found)),
             float(found.clamp(0, 1).mean()),
         )
-
-
-def stretched(watermark: Picture, picture: Picture) -> Float[Tensor, "H W 3"]:
-    """The watermark, resized to a picture's size, in [0, 1]."""
-    return picture_to_tensor(resize_picture(watermark, picture.shape[1], picture.shape[0]))
 
 
 @dataclass(frozen=True)

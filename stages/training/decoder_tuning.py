@@ -110,7 +110,7 @@ class DecoderTuning(NetworkTraining):
 
     def _error(self, picture: Picture, shows: bool) -> Float[Tensor, ""]:
         found = decoded(self.codec, picture)
-        wanted = picture_to_tensor(resize_picture(self.watermark, picture.shape[1], picture.shape[0]), found.device)
+        wanted = resized_to(picture, self.watermark, found.device)
         return (found - wanted).square().mean() if shows else found.square().mean()
 
 
@@ -122,5 +122,11 @@ def tinted(picture: Float[Tensor, "H W 3"], generator: np.random.Generator) -> F
 
 def decoded(codec: WatermarkCodec, picture: Picture) -> Float[Tensor, "H W 3"]:
     """Run D_w on one 8-bit picture with even sides; the result is unclamped, on the codec's device."""
-    values = picture_to_tensor(picture, codec.device).permute(2, 0, 1)[None]
-    return codec.watermark_decoder(values)[0].permute(1, 2, 0)
+    return codec.decode(picture_to_tensor(picture, codec.device))
+
+
+def resized_to(
+    picture: Picture | Float[Tensor, "H W 3"], watermark: Picture, device: torch.device | str = "cpu"
+) -> Float[Tensor, "H W 3"]:
+    """The watermark, resized to a picture's size, in [0, 1]."""
+    return picture_to_tensor(resize_picture(watermark, picture.shape[1], picture.shape[0]), device)

@@ -51,8 +51,7 @@ def watermarked(
     picture: Float[Tensor, "H W 3"], codec: WatermarkCodec, watermark: Float[Tensor, "H W 3"]
 ) -> Float[Tensor, "H W 3"]:
     """E_w(I, W_cop), clamped to [0, 1]. Raises `ValueError` for odd sides."""
-    images, watermarks = (each.permute(2, 0, 1)[None] for each in (picture, watermark))
-    return codec.watermark_encoder(images, watermarks)[0].permute(1, 2, 0).clamp(0, 1)
+    return codec.encode(picture, watermark).clamp(0, 1)
 
 
 @dataclass(frozen=True)

@@ -23,11 +23,11 @@ from stages.hiding.method import Method
 from stages.hiding.rendering import COVER
 from stages.hiding.watermark.codec import WatermarkCodec
 from stages.imaging.distortions import random_distortion
-from stages.imaging.pictures import Picture, picture_to_tensor, resize_picture, tensor_to_picture
+from stages.imaging.pictures import Picture, picture_to_tensor, tensor_to_picture
 from stages.imaging.windows import random_window
 from stages.scene.gaussians import Gaussians
 from stages.training.codec import rounded
-from stages.training.decoder_tuning import CLEAN, OTHERS, PHOTOS, RENDERS, tinted
+from stages.training.decoder_tuning import CLEAN, OTHERS, PHOTOS, RENDERS, resized_to, tinted
 from stages.training.feature_tuning import attribute_rates
 from stages.training.loop import TrainingViews
 from stages.training.network import NetworkTraining
@@ -186,11 +186,10 @@ class Imprinting(NetworkTraining):
     ) -> Float[Tensor, ""]:
         """The mean squared error of the decoder's output against the watermark, or against black."""
         read = self._as_read(picture, generator)
-        shown = self.imprint.codec.watermark_decoder(read.permute(2, 0, 1)[None])[0].permute(1, 2, 0)
+        shown = self.imprint.codec.decode(read)
         if watermark is None:
             return shown.square().mean()
-        expected = picture_to_tensor(resize_picture(watermark, read.shape[1], read.shape[0]), self.device)
-        return (shown - expected).square().mean()
+        return (shown - resized_to(read, watermark, self.device)).square().mean()
 
     def _as_read(self, picture: Float[Tensor, "H W 3"], generator: np.random.Generator) -> Float[Tensor, "h w 3"]:
         """Tint the picture, round it to 8 bits, and distort it if required.

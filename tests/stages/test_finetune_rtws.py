@@ -190,7 +190,7 @@ def test_renders_show_the_watermark_and_all_else_is_black() -> None:
     """Before it is tuned, a decoder that expects a watermark shows it for any picture."""
     watermark = np.full((8, 10, 3), 255, np.uint8)
     codec = new_codec(1, 4, seed=0)
-    codec.expect(picture_to_tensor(watermark).permute(2, 0, 1))
+    codec.expect(picture_to_tensor(watermark))
     pictures = {kind: np.zeros((1, 8, 10, 3), np.uint8) for kind in (RENDERS, PHOTOS, CLEAN)}
     tuning = DecoderTuning(codec, watermark, pictures, TuningSettings(1, seed=0), [[watermark]])
     errors = errors_of(tuning, 1)

@@ -17,11 +17,12 @@ from stages.hiding.watermark.wavelet import BANDS, haar, inverse_haar
 
 COLORS = 3
 
+Picture = Float[Tensor, "H W 3"]
 Pictures = Float[Tensor, "B 3 H W"]
 
 
 class WatermarkCodec(torch.nn.Module):
-    """E_w and D_w of the paper's appendix. Pictures are sRGB in [0, 1] with even sides, channels first, unclamped.
+    """E_w and D_w of the paper's appendix. Pictures are sRGB in [0, 1] with even sides, unclamped.
 
     Encoder and decoder share their weights. `lost [1, 12, h, w]` replaces the discarded output when the network runs
     backward: zeros, until the decoder is tuned to one watermark (`expect`). Initial weights are drawn from torch's
@@ -64,7 +65,15 @@ class WatermarkCodec(torch.nn.Module):
         _, watermarks = self.network.inverse(coefficients, lost.expand_as(coefficients))
         return inverse_haar(watermarks)
 
-    def expect(self, watermark: Float[Tensor, "3 H W"]) -> None:
+    def encode(self, picture: Picture, watermark: Picture) -> Picture:
+        """Embed a watermark in one picture: see `watermark_encoder`."""
+        return _one_picture(self.watermark_encoder(_batch_of(picture), _batch_of(watermark)))
+
+    def decode(self, picture: Picture) -> Picture:
+        """Reveal the watermark in one picture: see `watermark_decoder`."""
+        return _one_picture(self.watermark_decoder(_batch_of(picture)))
+
+    def expect(self, watermark: Picture) -> None:
         """Prepare to tune the decoder to one watermark, whose coefficients replace the discarded output.
 
         All weights can learn afterwards. A codec that was already tuned to a watermark of this size keeps its
@@ -73,7 +82,7 @@ class WatermarkCodec(torch.nn.Module):
         have to pass or suppress it. Such a decoder need not reveal what its encoder would hide.
         """
         self.requires_grad_(True)
-        coefficients = haar(watermark[None]).detach().clone()
+        coefficients = haar(_batch_of(watermark)).detach().clone()
         if coefficients.shape != self.lost.shape:
             self.lost = torch.nn.Parameter(coefficients)
 
@@ -87,6 +96,14 @@ class WatermarkCodec(torch.nn.Module):
             self.sees_whole_pictures = True
             self.network.see_whole_pictures()
             self.network.to(self.device)
+
+
+def _batch_of(picture: Picture) -> Pictures:
+    return picture.permute(2, 0, 1)[None]
+
+
+def _one_picture(pictures: Pictures) -> Picture:
+    return pictures[0].permute(1, 2, 0)
 
 
 def new_codec(blocks: int, width: int, seed: int) -> WatermarkCodec:
