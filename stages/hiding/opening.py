@@ -176,20 +176,20 @@ def _refuse_another_seal(seal: Seal, secret: Artifact) -> None:
 
 def _agreeing(seal: Seal, secret: Artifact) -> float:
     """The share of signs that agree with the secret; 1 without Gaussians."""
-    found = np.frombuffer(seal.signs(), np.uint8)
+    signs = np.frombuffer(seal.signs(), np.uint8)
     try:
-        told = np.frombuffer(bytes.fromhex(string(secret, SIGNS)), np.uint8)
+        kept = np.frombuffer(bytes.fromhex(string(secret, SIGNS)), np.uint8)
     except ValueError as error:
         raise _broken(secret, "signs that are no hexadecimal number") from error
-    if len(told) != len(found):
-        raise _broken(secret, f"signs of {len(told)} bytes, where these Gaussians have {len(found)}")
-    return 1 - float(np.unpackbits(told ^ found).mean()) if len(found) else 1.0
+    if len(kept) != len(signs):
+        raise _broken(secret, f"signs of {len(kept)} bytes, where these Gaussians have {len(signs)}")
+    return 1 - float(np.unpackbits(kept ^ signs).mean()) if len(signs) else 1.0
 
 
 def rows_of(gaussians: Gaussians, seal: Seal) -> Int[Tensor, " N"]:
     """For each published Gaussian, its row in `gaussians` as found by `identified`; negative if it is missing."""
-    told = seal.told(gaussians).numpy(), seal.told(seal.published).numpy()
-    return torch.from_numpy(identified(gaussians, seal.published, SEED, [told]))
+    readings = seal.readings(gaussians).numpy(), seal.readings(seal.published).numpy()
+    return torch.from_numpy(identified(gaussians, seal.published, SEED, [readings]))
 
 
 def _seal_of(secret: Artifact, method: Method, published: Gaussians) -> Seal:

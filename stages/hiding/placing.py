@@ -85,9 +85,9 @@ def coverage(gaussians: Gaussians, cameras: Cameras, width: int, counts: Countin
     return np.array(shares, np.float32)
 
 
-def coverage_score(coverage: Float[np.ndarray, " V"]) -> tuple[int, float]:
+def coverage_score(coverages: Float[np.ndarray, " V"]) -> tuple[int, float]:
     """The number of legal views, then the mean coverage up to the legal limit, to a hundredth; higher is better.
 
     Coverage beyond the legal limit does not count: otherwise the message would be magnified until little of it is seen.
     """
-    return int((coverage >= LEGAL_COVERAGE).sum()), round(float(coverage.clip(max=LEGAL_COVERAGE).mean()), 2)
+    return int((coverages >= LEGAL_COVERAGE).sum()), round(float(coverages.clip(max=LEGAL_COVERAGE).mean()), 2)

@@ -153,7 +153,7 @@ class Seal:
         features = self.places.of_numbers(numbers).decrypted(_centred(found)[own], numbers, self.expected, self.key)
         return _with(found.select(own), features)
 
-    def told(self, gaussians: Gaussians) -> Float64[Tensor, "N R"]:
+    def readings(self, gaussians: Gaussians) -> Float64[Tensor, "N R"]:
         """What the scene decoder reads of each Gaussian, which identifies it, since a seal does not change it."""
         return _centred(gaussians) @ self.places.read
 
@@ -195,8 +195,8 @@ class _Places:
         """Encrypt centred features; those in a corner of the cube stay as they are."""
         differences = self.rests(centred) - self._expected_rests(expected)
         directions = torch.nn.functional.normalize(differences, dim=1)
-        turned, shares = encrypted(directions, expected.lengths(self.cover_shares, differences.norm(dim=1)), key)
-        offsets = turned * (shares * self._room(turned))[:, None]
+        turned, room_shares = encrypted(directions, expected.lengths(self.cover_shares, differences.norm(dim=1)), key)
+        offsets = turned * (room_shares * self._room(turned))[:, None]
         return torch.where(is_cornered(self.origins)[:, None], centred, self.origins + offsets @ self.unread.T)
 
     def decrypted(

@@ -54,9 +54,9 @@ def rubber(generator: np.random.Generator) -> Page:
     place = (np.arange(SIZE, dtype=np.float32) + np.float32(0.5)) / SIZE
     bend = np.abs(2 * (4 * place % 1) - 1)[:, None]
     lugs = warp(step(np.sin(2 * np.pi * (8 * place[None, :] + 0.8 * bend)), -0.5, -0.1), 0.03, 8, generator)
-    rubber = mix(rgb("3a3b40"), rgb("7c7a7c"), step(fractal(SIZE, 8, generator, octaves=7, gain=0.7), 0.2, 0.8))
-    rubber = mix(rubber, rgb("9c8464"), step(fractal(SIZE, 6, generator, octaves=6), 0.55, 0.8))
-    return shade(rubber, (0.6 + 0.4 * lugs))
+    paint = mix(rgb("3a3b40"), rgb("7c7a7c"), step(fractal(SIZE, 8, generator, octaves=7, gain=0.7), 0.2, 0.8))
+    paint = mix(paint, rgb("9c8464"), step(fractal(SIZE, 6, generator, octaves=6), 0.55, 0.8))
+    return shade(paint, (0.6 + 0.4 * lugs))
 
 
 def _grid(rows: int, columns: int) -> tuple[np.ndarray, np.ndarray, Int[np.ndarray, "size size"]]:

@@ -27,7 +27,7 @@ from pipeline.artifact import Artifact  # noqa: E402
 from pipeline.stage import Parameters, Stage  # noqa: E402
 from stages.add_grain import AddGrainParameters, add_grain  # noqa: E402
 from stages.analysis.attacks.target import Knowledge  # noqa: E402
-from stages.analysis.attacks.unread_directions import heeded  # noqa: E402
+from stages.analysis.attacks.unread_directions import sensitivity  # noqa: E402
 from stages.analysis.attacks.view_weights import blending_weights, influences  # noqa: E402
 from stages.analysis.measurements import read_measurements  # noqa: E402
 from stages.analysis.residual_detector import Views, detector_scores, train_detector, views_of  # noqa: E402
@@ -309,7 +309,7 @@ def test_what_attackers_learn_of_a_container() -> None:
     learn: dict[str, Callable[[Knowledge], torch.Tensor]] = {
         "weights": lambda known: blending_weights(target, known),
         "influences": lambda known: influences(target, 0, known),
-        "heeded": lambda known: heeded(target, 0, known),
+        "sensitivity": lambda known: sensitivity(target, 0, known),
     }
     for name, learnt in learn.items():
         expected = learnt(known)

@@ -62,25 +62,25 @@ class Scorer:
         Views that show nothing of a message do not count for it, as in `one_colour`. If a view of the cover cannot be
         rendered, the cover's figures are NaN: otherwise an attack that destroys some views would seem to spare it.
         """
-        found: dict[tuple[str | None, str], list[float]] = {}
+        by_view: dict[tuple[str | None, str], list[float]] = {}
         for row, shown in zip(self.rows, self._pictures(attacked, (COVER, *self.messages)), strict=True):
             for quantity, value in picture_figures(shown[COVER], self._truth(row), perceptual or {}).items():
-                found.setdefault((None, quantity), []).append(value)
+                by_view.setdefault((None, quantity), []).append(value)
             for name, message in self.messages.items():
                 truth = picture_to_tensor(message.pictures[row])
                 covered = covered_psnrs(shown[name], truth, torch.from_numpy(message.coverage[row]))
                 figures = picture_figures(shown[name], truth, {}) | {"psnr_covered": covered["psnr_covered"]}
                 for quantity, value in where_seen(figures, truth).items():
-                    found.setdefault((name, quantity), []).append(value)
-        return {key: (fmean if key[0] is None else mean_of_known)(values) for key, values in found.items()}
+                    by_view.setdefault((name, quantity), []).append(value)
+        return {key: (fmean if key[0] is None else mean_of_known)(values) for key, values in by_view.items()}
 
     def one_colour(self) -> Figures:
         """For each message, the mean PSNR of the best single-colour pictures: a floor for readings of the message."""
-        found: dict[tuple[str | None, str], float] = {}
+        floors: dict[tuple[str | None, str], float] = {}
         for name, message in self.messages.items():
             truths = [picture_to_tensor(message.pictures[row]) for row in self.rows]
-            found[name, ONE_COLOUR] = mean_of_known([one_colour_psnr(truth) for truth in truths])
-        return found
+            floors[name, ONE_COLOUR] = mean_of_known([one_colour_psnr(truth) for truth in truths])
+        return floors
 
     def _truth(self, row: int) -> Float[Tensor, "H W 3"]:
         return picture_to_tensor(self.scene.pictures[row])
@@ -93,14 +93,14 @@ class Scorer:
                 self.owner.networks[name].load_state_dict(attacked.method.networks[name].state_dict())
         cameras = self.scene.cameras.select(self.views)
         for_messages = [name for name in wanted if name != COVER]
-        found = attacked.gaussians
-        opened = self.opened(found) if for_messages else found
-        shares = [(wanted, found)] if opened is found else [([COVER], found), (for_messages, opened)]
-        shares = [(names, gaussians.to(self.device)) for names, gaussians in shares]
+        as_left = attacked.gaussians
+        opened = self.opened(as_left) if for_messages else as_left
+        groups = [(wanted, as_left)] if opened is as_left else [([COVER], as_left), (for_messages, opened)]
+        groups = [(names, gaussians.to(self.device)) for names, gaussians in groups]
         moved = replace(cameras, world_to_camera=attacked.motion.world_to_camera(cameras.world_to_camera))
         for camera in single_cameras(moved):
             pictures: dict[str, Float[Tensor, "H W 3"]] = {}
-            for names, gaussians in shares:
+            for names, gaussians in groups:
                 rendered = self.owner.render(gaussians, camera, wanted=tuple(names)).pictures
                 pictures |= {name: rendered[name].cpu() for name in names}
             if attacked.on_pictures is not None:

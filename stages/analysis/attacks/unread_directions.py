@@ -35,7 +35,7 @@ def unread_directions(target: Target, seed: int, knowledge: Knowledge) -> Attack
     mean = centred.mean(dim=0)
     spread, basis = torch.linalg.eigh((centred - mean).T @ (centred - mean) / max(1, len(centred)))
     root = basis * spread.clamp_min(SMALLEST_VARIANCE).sqrt() @ basis.T
-    _, ascending = torch.linalg.eigh(root @ heeded(target, seed, knowledge) @ root)
+    _, ascending = torch.linalg.eigh(root @ sensitivity(target, seed, knowledge) @ root)
 
     def removed(count: float) -> Target:
         unread = ascending[:, : int(count)]
@@ -47,7 +47,7 @@ def unread_directions(target: Target, seed: int, knowledge: Knowledge) -> Attack
     return removed
 
 
-def heeded(target: Target, seed: int, knowledge: Knowledge) -> Float64[Tensor, "M M"]:
+def sensitivity(target: Target, seed: int, knowledge: Knowledge) -> Float64[Tensor, "M M"]:
     """JᵀJ of the scene decoder, summed over pixels and views: how much the cover changes along feature directions.
 
     A Hutchinson estimate: from gradients of the cover's sum with a random sign for each colour of each pixel. It is

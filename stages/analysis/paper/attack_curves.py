@@ -144,8 +144,8 @@ def curves(
     found = []
     for seed in dict.fromkeys(row.seed for row in rows):
         own = [row for row in rows if row.seed == seed]
-        severities = dict.fromkeys(row.severity for row in own)
-        points = (_point([row for row in own if row.severity == each], each or 0.0, floors) for each in severities)
+        steps = dict.fromkeys(row.severity for row in own)
+        points = (_point([row for row in own if row.severity == each], each or 0.0, floors) for each in steps)
         found.append(Curve(unattacked, tuple(points)))
     return tuple(found)
 

@@ -82,9 +82,9 @@ def noises(runs: Sequence[Run], study: Study, quantity: str = "psnr") -> dict[st
     return found
 
 
-def _written_runs(noise: Noise) -> str:
-    captures = [capture_title(capture) for capture in noise.captures]
-    return f"{noise.count} runs" + (f" on {', '.join(captures)}" if any(noise.captures) else "")
+def _written_runs(spread: Noise) -> str:
+    captures = [capture_title(capture) for capture in spread.captures]
+    return f"{spread.count} runs" + (f" on {', '.join(captures)}" if any(spread.captures) else "")
 
 
 def noise_note(spreads: Mapping[str, Noise], quantity: str = "psnr", unit: str = " dB") -> str:

@@ -96,7 +96,7 @@ def _relations(runs: tuple[Run, ...], study: Study, tables: Published) -> tuple[
 
 def _is_larger(run: Run, tables: Published) -> bool:
     """Whether features or decoder are larger than the paper's, and neither is smaller."""
-    usual = usual_settings(run.method, tables.setup)
+    values = usual_settings(run.method, tables.setup)
     return bool(run.settings) and all(
-        isinstance(value, float) and value > usual.get(name, math.inf) for name, value in run.settings
+        isinstance(value, float) and value > values.get(name, math.inf) for name, value in run.settings
     )

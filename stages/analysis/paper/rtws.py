@@ -174,12 +174,12 @@ def _fidelity(
     tables: Published,
 ) -> Grid:
     """PSNR_S, PSNR_M and PSNR_W, beside the paper's."""
-    lines, told, controlled = [], set(), set()
+    lines, titled, controlled = [], set(), set()
     captures = captures_of(detections)
     for key, group in detections.items():
         is_paper = key == (GS_HIDER, PAPERS)
-        if key[0] not in told:
-            told.add(key[0])
+        if key[0] not in titled:
+            titled.add(key[0])
             title = f"{title_of(key[0])}, before"
             figures = (
                 figures_by_capture(group, "psnr", COVER_BEFORE),

@@ -20,7 +20,7 @@ from stages.analysis.paper.settings import (
     usual_of_pictures,
     usual_settings,
 )
-from stages.analysis.paper.telling import Told, others, telling, told
+from stages.analysis.paper.telling import PossibleSettings, others, possible_settings, telling
 from stages.hiding.method_names import PLAIN
 from stages.imaging.metric_table import MetricRow, read_rows
 
@@ -222,11 +222,11 @@ def _runs_of(item: Item, columns: Columns, usual: Mapping[str, float]) -> list[R
     rows = read_rows(item.artifact)
     stated = item.values.get(columns.method)
     first = str(stated) if stated is not None else next((row.method for row in rows if row.method), PLAIN)
-    by_method: dict[str, list[MetricRow]] = {}
+    groups: dict[str, list[MetricRow]] = {}
     for row in rows:
         method = row.method or first
         if method != PLAIN or row.message is None:  # messages of plain 3DGS are only a control
-            by_method.setdefault(method, []).append(row)
+            groups.setdefault(method, []).append(row)
     capture, seed, message = (_text(item, column) for column in (columns.capture, columns.seed, columns.message))
     other = tuple(f"{name}={value}" for name, value in sorted(others(item.values, _known(columns)).items()))
     return [
@@ -241,7 +241,7 @@ def _runs_of(item: Item, columns: Columns, usual: Mapping[str, float]) -> list[R
             item.artifact.digest,
             message if method != PLAIN else "",
         )
-        for method, group in by_method.items()
+        for method, group in groups.items()
     ]
 
 
@@ -255,9 +255,9 @@ def _experiments_of(item: Item, columns: Columns, usual: Mapping[str, float]) ->
     """One experiment for each method that the item's rows name."""
     if item.artifact is None:
         return []
-    by_method: dict[str, list[Measurement]] = {}
+    groups: dict[str, list[Measurement]] = {}
     for row in read_measurements(item.artifact):
-        by_method.setdefault(row.method or str(item.values.get(columns.method, "")), []).append(row)
+        groups.setdefault(row.method or str(item.values.get(columns.method, "")), []).append(row)
     capture, seed = _text(item, columns.capture), _text(item, columns.seed)
     return [
         Experiment(
@@ -269,7 +269,7 @@ def _experiments_of(item: Item, columns: Columns, usual: Mapping[str, float]) ->
             item.stage,
             stated_settings(item, method, usual_settings(method, usual)),
         )
-        for method, rows in by_method.items()
+        for method, rows in groups.items()
     ]
 
 
@@ -295,7 +295,7 @@ def _known(columns: Columns) -> set[str]:
 
 def _telling(runs: Sequence[Run]) -> dict[str, set[str]]:
     """By method, the names of the values in which runs differ that are alike in everything else."""
-    return telling((run.method, (run.capture, run.kind, run.seed), told(_stated_by(run))) for run in runs)
+    return telling((run.method, (run.capture, run.kind, run.seed), possible_settings(_stated_by(run))) for run in runs)
 
 
 def _stated_by(run: Run) -> dict[str, str]:
@@ -305,7 +305,7 @@ def _stated_by(run: Run) -> dict[str, str]:
 def _with_settings(run: Run, names: set[str]) -> Run:
     """The run, with its other values of these names moved to its settings."""
     other = tuple(text for text in run.other if text.split("=", 1)[0] not in names)
-    return replace(run, settings=(*run.settings, *_among(told(_stated_by(run)), names)), other=other)
+    return replace(run, settings=(*run.settings, *_among(possible_settings(_stated_by(run)), names)), other=other)
 
 
 def _told_apart(experiments: Sequence[Experiment], columns: Columns) -> tuple[Experiment, ...]:
@@ -313,7 +313,7 @@ def _told_apart(experiments: Sequence[Experiment], columns: Columns) -> tuple[Ex
 
     Experiments of different stages are different measurements of one container.
     """
-    stated = [told(others(each.values, _known(columns))) for each in experiments]
+    stated = [possible_settings(others(each.values, _known(columns))) for each in experiments]
     names = telling(
         (each.method, (each.stage, each.capture, each.settings, each.seed), own)
         for each, own in zip(experiments, stated, strict=True)
@@ -324,7 +324,7 @@ def _told_apart(experiments: Sequence[Experiment], columns: Columns) -> tuple[Ex
     )
 
 
-def _among(stated: Told, names: set[str]) -> Settings:
+def _among(stated: PossibleSettings, names: set[str]) -> Settings:
     return tuple((name, value) for name, value in stated.items() if name in names)
 
 

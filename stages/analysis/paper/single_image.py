@@ -81,14 +81,14 @@ def _grid(quantity: str, runs: Sequence[Run], study: Study, tables: Published) -
                 lines.append(Line((title, f"{picture} · {image}" if image else picture, HERE), tuple(cells)))
         if title == title_of(method) and quantity == "psnr":
             lines += _published_lines(method, captures, tables)
-    noise = {"cover": noises(runs, study, quantity)["cover"]}
+    spreads = {"cover": noises(runs, study, quantity)["cover"]}
     return without_empty_columns(
         Grid(
             f"One image in one view: {label(quantity)}",
             ("Method", "Picture", "Figures"),
             headings(captures),
             tuple(lines),
-            (NOTE, noise_note(noise, quantity, " dB" if quantity == "psnr" else "")),
+            (NOTE, noise_note(spreads, quantity, " dB" if quantity == "psnr" else "")),
         )
     )
 

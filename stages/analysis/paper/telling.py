@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterable, Mapping
 
-Told = Mapping[str, float | str]
+PossibleSettings = Mapping[str, float | str]
 """Values that may be settings, by name."""
 
 
@@ -23,10 +23,10 @@ def others(values: Mapping[str, object], known: Collection[str]) -> dict[str, ob
     return found
 
 
-def told(stated: Mapping[str, object]) -> dict[str, float | str]:
+def possible_settings(stated: Mapping[str, object]) -> dict[str, float | str]:
     """Those of `others` that may be settings: numbers, and all entries of mappings, except for seeds.
 
-    >>> told({"levels": 2, "message": "reef", "clean_seed": 3, "own.mode": "fast"})
+    >>> possible_settings({"levels": 2, "message": "reef", "clean_seed": 3, "own.mode": "fast"})
     {'levels': 2.0, 'own.mode': 'fast'}
     """
     texts = {name: str(value) for name, value in stated.items() if not name.endswith("seed")}
@@ -34,12 +34,12 @@ def told(stated: Mapping[str, object]) -> dict[str, float | str]:
     return {name: numbers.get(name, text) for name, text in texts.items() if name in numbers or "." in name}
 
 
-def telling(alike: Iterable[tuple[str, object, Told]]) -> dict[str, set[str]]:
+def telling(alike: Iterable[tuple[str, object, PossibleSettings]]) -> dict[str, set[str]]:
     """For each method, the names of the values in which measurements of the same key differ.
 
     Tables would average over these measurements otherwise. Such a value may be a setting of a method of your own.
     """
-    groups: dict[tuple[str, object], list[Told]] = {}
+    groups: dict[tuple[str, object], list[PossibleSettings]] = {}
     for method, key, own in alike:
         groups.setdefault((method, key), []).append(own)
     found: dict[str, set[str]] = {method: set() for method, _ in groups}

@@ -61,13 +61,13 @@ def blind_readings(gaussians: Gaussians, public: Method, views: Sequence[Observe
         UNEXPLAINED: _unexplained(maps, [seen.cover for seen in views]),
     }
     if isinstance(public, CoupledFeatures):
-        heeded = sensitivity(public, views, seed)
-        readings[IGNORED] = _along(maps, ignored_directions(maps, heeded))
+        sensitivities = sensitivity(public, views, seed)
+        readings[IGNORED] = _along(maps, ignored_directions(maps, sensitivities))
         if isinstance(public, TellsShares):
             few = hardly_shown(gaussians, public)
             maps = feature_maps_of(few, public, views)
-            readings[APART] = _along(maps, ignored_directions(maps, heeded))
-            readings[HEEDED] = _along(maps, heeded_directions(maps, heeded))
+            readings[APART] = _along(maps, ignored_directions(maps, sensitivities))
+            readings[HEEDED] = _along(maps, heeded_directions(maps, sensitivities))
             readings[SURFACES] = surfaces_of(few, views)
     return {name: [pad(each, (0, SHOWN - each.shape[-1])) for each in found] for name, found in readings.items()}
 
@@ -94,19 +94,23 @@ def sensitivity(public: CoupledFeatures, views: Sequence[Observed], seed: int) -
     return total / pixels
 
 
-def ignored_directions(maps: Sequence[Float[Tensor, "H W M"]], heeded: Float[Tensor, "M M"]) -> Float[Tensor, "M C"]:
+def ignored_directions(
+    maps: Sequence[Float[Tensor, "H W M"]], sensitivities: Float[Tensor, "M M"]
+) -> Float[Tensor, "M C"]:
     """Up to three directions by descending ratio of variance to sensitivity: generalised eigenvectors of the two."""
-    size = len(heeded)
-    floor = SMALLEST_SENSITIVITY * heeded.diagonal().mean() * torch.eye(size, dtype=torch.float64)
-    values, vectors = torch.linalg.eigh(heeded + floor)
+    size = len(sensitivities)
+    floor = SMALLEST_SENSITIVITY * sensitivities.diagonal().mean() * torch.eye(size, dtype=torch.float64)
+    values, vectors = torch.linalg.eigh(sensitivities + floor)
     whitening = vectors * values.rsqrt()
     _, directions = torch.linalg.eigh(whitening.T @ covariance(maps) @ whitening)
     return (whitening @ directions.flip(1)[:, :SHOWN]).float()
 
 
-def heeded_directions(maps: Sequence[Float[Tensor, "H W M"]], heeded: Float[Tensor, "M M"]) -> Float[Tensor, "M C"]:
+def heeded_directions(
+    maps: Sequence[Float[Tensor, "H W M"]], sensitivities: Float[Tensor, "M M"]
+) -> Float[Tensor, "M C"]:
     """Up to three directions along which features differ most, weighted by the scene decoder's mean sensitivity."""
-    values, vectors = torch.linalg.eigh(heeded)
+    values, vectors = torch.linalg.eigh(sensitivities)
     weighing = (vectors * values.clamp_min(0).sqrt()).float()
     return weighing @ principal_directions([each @ weighing for each in maps])
 

@@ -114,10 +114,10 @@ class HomogeneousDecoder(torch.nn.Module):
     def turn_view(self, rotation: Float64[np.ndarray, "3 3"]) -> None:
         """Adapt the weights to a world turned by `rotation`, so that they respond to viewing directions as before."""
         first = self.convolutions.convolutions[0]
-        told = first.weight[:, -VIEW_CHANNELS:]
-        rest = told.flatten(2).permute(2, 0, 1).reshape(-1, VIEW_CHANNELS, 1)
-        turned = turned_harmonics(rest, rotation).reshape(-1, len(told), VIEW_CHANNELS).permute(1, 2, 0)
-        first.weight[:, -VIEW_CHANNELS:] = turned.reshape(told.shape)
+        weights = first.weight[:, -VIEW_CHANNELS:]
+        rest = weights.flatten(2).permute(2, 0, 1).reshape(-1, VIEW_CHANNELS, 1)
+        turned = turned_harmonics(rest, rotation).reshape(-1, len(weights), VIEW_CHANNELS).permute(1, 2, 0)
+        first.weight[:, -VIEW_CHANNELS:] = turned.reshape(weights.shape)
 
     def divided(
         self, centred: Float[Tensor, "H W M"], half_alphas: Float[Tensor, "H W 1"]

@@ -45,11 +45,11 @@ def values_of_compressed_ply(path: Path, elements: Elements) -> SplatValues:
             expected=f"one for each {CHUNK}",
         )
 
-    def within(units: Float[np.ndarray, "N 3"], names: list[str]) -> Float[np.ndarray, "N 3"]:
+    def within(shares: Float[np.ndarray, "N 3"], names: list[str]) -> Float[np.ndarray, "N 3"]:
         ends = (columns(chunks, [f"{end}_{name}" for name in names]).astype(np.float64) for end in ("min", "max"))
-        least, largest = (end.repeat(CHUNK, axis=0)[: len(units)] for end in ends)
+        least, largest = (end.repeat(CHUNK, axis=0)[: len(shares)] for end in ends)
         with np.errstate(invalid="ignore", over="ignore"):  # ranges that are not finite are refused later
-            return least + units * (largest - least)
+            return least + shares * (largest - least)
 
     packed = {name: vertices[name].astype(np.uint32) for name in PACKED}
     colors = units(packed["packed_color"], (8, 8, 8, 8))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 
 from stages.analysis.attacks.target import Target
-from stages.analysis.attacks.unread_directions import heeded, unread_directions
+from stages.analysis.attacks.unread_directions import sensitivity, unread_directions
 from stages.hiding.coupled import FEATURES
 from stages.hiding.method import Method
 from stages.hiding.rendering import COVER
@@ -43,10 +43,10 @@ def test_what_is_heeded_is_what_the_decoder_reads() -> None:
     target, _ = target_and_owner("homogeneous")
     decoder = dict(target.method.networks["scene_decoder"].named_parameters())
     rows = torch.cat([decoder["directions"], decoder["readings"].flatten(0, 1)]).double()
-    values, directions = torch.linalg.eigh(heeded(target, 0, knowledge()))
+    values, directions = torch.linalg.eigh(sensitivity(target, 0, knowledge()))
     assert (values[: 16 - len(rows)] < 1e-9 * values[-1]).all()
     assert (rows @ directions[:, : 16 - len(rows)]).abs().max() < 1e-4
-    first, again, other = (heeded(target, seed, knowledge()) for seed in (0, 0, 1))
+    first, again, other = (sensitivity(target, seed, knowledge()) for seed in (0, 0, 1))
     assert torch.equal(first, again)
     assert not torch.equal(first, other)
 
