@@ -31,16 +31,12 @@ def place(
     """
     choices = candidates(cover.cameras, message.cameras, message.points, cover_points=cover.points)
     clear_from = clear_depth(message)
-    scored = 0
 
     def score(similarity: Similarity) -> tuple[int, float]:
-        nonlocal scored
-        scored += 1
-        progress(scored, len(choices))
         seen = cameras_in_message_world(cover.cameras, similarity)
         return coverage_score(clear_coverage(gaussians, seen, search_width, clear_from))
 
-    return best(choices, score)
+    return best(choices, score, progress)
 
 
 def clear_depth(message: Scene) -> float:

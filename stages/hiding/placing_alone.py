@@ -54,7 +54,6 @@ def place_alone(
     middle, radius = middle_and_radius(gaussians)
     tried = list(product(ups(up, rig.up), DISTANCES, TILTS, range(TURNS)))
     few = cover.cameras.select([cover.cameras.names[row] for row in sample(len(cover.cameras), SAMPLED_VIEWS)])
-    scored = 0
 
     def placed(upwards: Float[np.ndarray, " 3"], distance: float, tilt: float, turn: int) -> Similarity:
         alone = Rig(middle, upwards, perpendicular_to(upwards), 0.0, distance * radius, rig.half_extent)
@@ -62,13 +61,10 @@ def place_alone(
         return placement(rig, alone, scale, -float(np.radians(tilt)), 2 * np.pi * turn / TURNS)
 
     def score(similarity: Similarity) -> tuple[int, float]:
-        nonlocal scored
-        scored += 1
-        progress(scored, len(tried))
         seen = cameras_in_message_world(few, similarity)
         return coverage_score(sharp_coverage(gaussians, seen, search_width, CLEAR_RADII * radius))
 
-    return best([placed(*each) for each in tried], score)
+    return best([placed(*each) for each in tried], score, progress)
 
 
 def sharp_coverage(gaussians: Gaussians, cameras: Cameras, width: int, clear_from: float) -> Float32[np.ndarray, " V"]:

@@ -160,11 +160,22 @@ def candidates(
     return [placement(cover_rig, message_rig, *choice) for choice in islice(choices, CANDIDATES)]
 
 
-def best(choices: Sequence[Similarity], score: Callable[[Similarity], Score]) -> Similarity:
-    """The choice with the highest score; the first of equals. Raises `ValueError` if there are no choices."""
+def best(
+    choices: Sequence[Similarity],
+    score: Callable[[Similarity], Score],
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Similarity:
+    """The choice with the highest score; the first of equals. Raises `ValueError` if there are no choices.
+
+    `progress` receives the number of each choice, from 1, and that of all.
+    """
     if not choices:
         raise ValueError("there are no similarities to choose from")
-    return max(choices, key=score)
+    scores = []
+    for number, choice in enumerate(choices, start=1):
+        progress(number, len(choices))
+        scores.append(score(choice))
+    return choices[scores.index(max(scores))]
 
 
 def cameras_in_message_world(cover: Cameras, message_to_cover: Similarity) -> Cameras:

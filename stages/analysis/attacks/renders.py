@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from stages.analysis.attacks.target import Target
-from stages.imaging.pictures import resize_picture, tensor_to_picture, through_jpeg
+from stages.imaging.pictures import picture_to_tensor, resize_picture, tensor_to_picture, through_jpeg
 
 QUALITIES = (95.0, 75.0, 50.0, 25.0, 10.0)
 FACTORS = (1.25, 1.5, 2.0, 3.0, 4.0)
@@ -19,7 +17,7 @@ FACTORS = (1.25, 1.5, 2.0, 3.0, 4.0)
 def jpeg(target: Target, quality: float) -> Target:
     """Compress the cover's pictures as JPEG of this quality; this affects only messages that are read from them."""
     return replace(
-        target, on_pictures=lambda picture: _to_tensor(through_jpeg(tensor_to_picture(picture), int(quality)))
+        target, on_pictures=lambda picture: picture_to_tensor(through_jpeg(tensor_to_picture(picture), int(quality)))
     )
 
 
@@ -31,8 +29,4 @@ def resizing(target: Target, factor: float) -> Target:
 def _through_smaller(picture: Float[Tensor, "H W 3"], factor: float) -> Float[Tensor, "H W 3"]:
     height, width = picture.shape[:2]
     smaller = resize_picture(tensor_to_picture(picture), max(1, round(width / factor)), max(1, round(height / factor)))
-    return _to_tensor(resize_picture(smaller, width, height))
-
-
-def _to_tensor(picture: np.ndarray) -> Float[Tensor, "H W 3"]:
-    return torch.from_numpy(np.ascontiguousarray(picture)).float() / 255
+    return picture_to_tensor(resize_picture(smaller, width, height))

@@ -8,6 +8,7 @@ from torch import Tensor
 
 from stages.analysis.attacks.features import reads_centred, shrunk
 from stages.analysis.attacks.target import Attacker, Knowledge, Target
+from stages.analysis.random_signs import random_signs
 from stages.hiding.coupled import FEATURES
 from stages.hiding.rendering import COVER
 from stages.hiding.stored_features import stored
@@ -70,6 +71,5 @@ def _gradient(target: Target, camera: Camera, generator: torch.Generator) -> Flo
     raw = target.gaussians[FEATURES].detach().requires_grad_()
     rendering = target.method.render(target.gaussians.with_parameters({FEATURES: raw}), camera, wanted=(COVER,))
     picture = rendering.pictures[COVER]
-    signs = torch.randint(0, 2, picture.shape, generator=generator).to(picture.device) * 2.0 - 1
-    [gradient] = torch.autograd.grad((signs * picture).sum(), rendering.feature_map)
+    [gradient] = torch.autograd.grad((random_signs(picture, generator) * picture).sum(), rendering.feature_map)
     return gradient.flatten(0, 1).double()

@@ -16,6 +16,7 @@ from scipy.cluster.vq import kmeans2
 from torch import Tensor
 
 from stages.analysis.attacks.target import Attacker, Knowledge, Target
+from stages.analysis.random_signs import random_signs
 from stages.hiding.rendering import COVER, splat
 from stages.scene.cameras import Camera
 from stages.scene.even_spread import evenly_spread
@@ -160,7 +161,6 @@ def _squared_influence(target: Target, camera: Camera, generator: torch.Generato
     logits = target.gaussians["logit_opacities"].detach().requires_grad_()
     gaussians = target.gaussians.with_parameters({"logit_opacities": logits})
     picture = target.method.render(gaussians, camera, wanted=(COVER,)).pictures[COVER]
-    signs = torch.randint(0, 2, picture.shape, generator=generator).to(picture.device) * 2.0 - 1
-    (gradient,) = torch.autograd.grad((signs * picture).sum(), logits)
+    (gradient,) = torch.autograd.grad((random_signs(picture, generator) * picture).sum(), logits)
     # With respect to the logit, the derivative is α (1 - α) times the one with respect to α.
     return (gradient / (1 - logits.detach().sigmoid()).clamp_min(SMALLEST)).square()

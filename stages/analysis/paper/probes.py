@@ -9,13 +9,10 @@ from stages.analysis.paper.chapter import Chapter
 from stages.analysis.paper.grid import HERE, Grid, Line, headings, measured_cells, without_empty_columns
 from stages.analysis.paper.measuring import Measured, measure, message
 from stages.analysis.paper.published import Published
-from stages.analysis.paper.relations import Relation
+from stages.analysis.paper.relations import MOST_OVER_ONE_COLOUR, Relation
 from stages.analysis.paper.runs import Run, Study
 from stages.analysis.paper.settings import settings_title
 from stages.analysis.probes import OWN, PROBES, probed
-
-MOST_OVER_ONE_COLOUR = 1.0
-"""In dB: features without a message may show it at most this much better than the best single colour does."""
 
 
 def probes(study: Study, tables: Published) -> Chapter:

@@ -12,6 +12,10 @@ from stages.analysis.paper.grid import AVERAGE, Cell, Grid, Line
 from stages.analysis.paper.measuring import NO_NOISE, UNMEASURED, Measured, Noise, Spread
 from stages.analysis.paper.runs import capture_title
 
+MOST_OVER_ONE_COLOUR = 1.0
+"""In dB: how much better a reader without the secret, or features without a message, may show the message than the best
+single colour does, which needs no container."""
+
 
 @dataclass(frozen=True)
 class Relation:

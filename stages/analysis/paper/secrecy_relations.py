@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from stages.analysis.paper.measuring import NO_NOISE, Measured, Noise
-from stages.analysis.paper.relations import OnEachCapture, Relation
+from stages.analysis.paper.relations import MOST_OVER_ONE_COLOUR, OnEachCapture, Relation
 from stages.analysis.paper.runs import Experiment
 from stages.analysis.paper.secrecy_figures import (
     Found,
@@ -22,10 +22,6 @@ from stages.analysis.paper.secrecy_figures import (
     shares,
 )
 from stages.analysis.secrecy.conditions import COVER_ITSELF, OPEN, OTHER_START, OWNER, RANDOM
-
-MOST_OVER_ONE_COLOUR = 1.0
-"""In dB: how much better a reader without the secret may show the message than the best single colour does, which needs
-no container."""
 
 READERS = ((RANDOM, "the best random decoder"), (OTHER_START, "the best decoder started with another key"))
 

@@ -13,6 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn.functional import pad
 
+from stages.analysis.random_signs import random_signs
 from stages.analysis.secrecy.apart import Maps, TellsShares, feature_maps_of, hardly_shown, surfaces_of
 from stages.analysis.secrecy.conditions import (
     APART,
@@ -140,6 +141,5 @@ def _gradient_of_random_sum(
 ) -> Float[Tensor, "H W M"]:
     feature_map = seen.rendering.feature_map.detach().clone().requires_grad_()
     [decoded] = public.decoded([public.scene_decoder], seen.with_feature_map(feature_map).rendering, seen.camera)
-    signs = torch.randint(0, 2, decoded.shape, generator=generator) * 2.0 - 1
-    [gradient] = torch.autograd.grad((decoded * signs).sum(), feature_map)
+    [gradient] = torch.autograd.grad((decoded * random_signs(decoded, generator)).sum(), feature_map)
     return gradient
