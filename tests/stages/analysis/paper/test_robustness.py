@@ -12,7 +12,7 @@ from stages.analysis.attacks.catalogue import ATTACKS, ONE_COLOUR, UNATTACKED, r
 from stages.analysis.measurements import Measurement
 from stages.analysis.paper.chapter import Chapter
 from stages.analysis.paper.grid import Grid
-from stages.analysis.paper.page import owner_page
+from stages.analysis.paper.page import owner_page, write_page
 from stages.analysis.paper.published import read_published
 from stages.analysis.paper.purification import VIEW_WEIGHTS
 from stages.analysis.paper.robustness import robustness
@@ -322,10 +322,12 @@ def test_figures_say_where_they_come_from(chapter: Chapter) -> None:
 
 
 def test_the_page_is_written_and_without_measurements_says_so(study: Study) -> None:
-    tables = read_published()
-    page = owner_page(study, ["robustness"], tables, "robustness", "")
-    assert isinstance(page.relations, Grid)
-    assert robustness(Study(()), tables).grids == ()
+    measured, nothing = (
+        owner_page(each, ["robustness"], read_published(), "robustness", "") for each in (study, Study(()))
+    )
+    assert isinstance(measured.relations, Grid)
+    assert nothing.nothing in write_page(nothing)
+    assert nothing.nothing not in write_page(measured)
 
 
 def test_a_message_that_reads_worse_than_one_colour_counts_as_one_before_attacks_too() -> None:
