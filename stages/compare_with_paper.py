@@ -2,34 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 from pydantic import Field
 
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.paper.drawing import drawing_file, write_drawing
 from stages.analysis.paper.grid import write_csv
 from stages.analysis.paper.markdown import write_markdown
-from stages.analysis.paper.page import owner_page, public_page, write_page
+from stages.analysis.paper.page import Table, owner_page, public_page, write_page
 from stages.analysis.paper.published import read_published
 from stages.analysis.paper.runs import Columns, read_study
 
 PAGE_FILE, MARKDOWN_FILE, TABLE_FILE = "report.html", "tables.md", "figures.csv"
-
-Table = Literal[
-    "fidelity",
-    "no_message",
-    "frame_time",
-    "single_image",
-    "several_messages",
-    "ablations",
-    "plateau",
-    "probes",
-    "steganalysis",
-    "secrecy",
-    "robustness",
-    "rtws",
-]
 
 
 class CompareWithPaperParameters(Parameters):

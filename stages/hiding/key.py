@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -35,18 +35,17 @@ def _bytes_of(artifact: Artifact) -> bytes:
     return key
 
 
-APART = ("view", "weights", "building", "dither")
-"""Uses of a key that have generators of their own, independent of `key_generator`."""
+Use = Literal["view", "weights", "building", "dither"]
+"""Uses of a key that have generators of their own, independent of `key_generator`. Their order decides the numbers."""
 
 
-def generator_apart(
-    artifact: Artifact | None, use: Literal["view", "weights", "building", "dither"], seed: int = 0
-) -> np.random.Generator:
+def generator_apart(artifact: Artifact | None, use: Use, seed: int = 0) -> np.random.Generator:
     """Random numbers from a key, or else `seed`, for one use, independent of `key_generator` and of other uses.
 
     They are not cryptographically secure: enough of a NumPy generator's output reveals the rest of it.
     """
-    return key_generator(artifact, seed).spawn(len(APART))[APART.index(use)]
+    uses = get_args(Use)
+    return key_generator(artifact, seed).spawn(len(uses))[uses.index(use)]
 
 
 def key_apart(artifact: Artifact, use: Literal["seal"]) -> bytes:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 from stages.analysis.method_titles import METHOD_TITLES
 from stages.analysis.page.figures import WORDING
@@ -35,7 +36,23 @@ from stages.imaging.lpips_weights import HOW_TO_INSTALL
 
 RESOURCES = ("templates/*",)
 TEMPLATES = templates_beside(__file__)
-WRITERS: Mapping[str, Writer] = {
+Table = Literal[
+    "fidelity",
+    "no_message",
+    "frame_time",
+    "single_image",
+    "several_messages",
+    "ablations",
+    "plateau",
+    "probes",
+    "steganalysis",
+    "secrecy",
+    "robustness",
+    "rtws",
+]
+"""Our tables, by which parameters name them."""
+
+WRITERS: Mapping[Table, Writer] = {
     "fidelity": fidelity,
     "no_message": no_message,
     "frame_time": frame_time,
@@ -84,7 +101,7 @@ class TablesPage:
         return (*grids, *([self.relations] if self.relations else []))
 
 
-def owner_page(study: Study, wanted: Sequence[str], tables: Published, title: str, command: str) -> TablesPage:
+def owner_page(study: Study, wanted: Sequence[Table], tables: Published, title: str, command: str) -> TablesPage:
     """The `wanted` tables, in this order, beside the paper's, and the relations between their figures."""
     chapters = [WRITERS[name](study, tables) for name in wanted]
     titled = [(chapter.title, relation) for chapter in chapters for relation in chapter.relations]

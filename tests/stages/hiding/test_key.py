@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import torch
 from pipeline.artifact import Artifact, create, load
 from pipeline.errors import UserError
 from stages.hide_scenes import HideScenesParameters, hide_scenes
-from stages.hiding.key import APART, KEY_BYTES, generator_apart, key_apart, key_generator, write_key
+from stages.hiding.key import KEY_BYTES, Use, generator_apart, key_apart, key_generator, write_key
 from stages.hiding.watermark.coins import thrown
 from tests.running import run_stage
 from tests.stages.small import message_views, scene
@@ -118,5 +119,5 @@ def test_no_layer_tells_of_another(tmp_path: Path) -> None:
 def test_each_use_of_a_key_or_a_seed_draws_other_numbers(tmp_path: Path) -> None:
     sources = ((key_of(tmp_path, bytes(range(KEY_BYTES))), 0), (None, 0), (None, 1))
     generators = [key_generator(*source) for source in sources]
-    generators += [generator_apart(key, use, seed) for key, seed in sources for use in APART]
-    assert len({int(generator.integers(2**62)) for generator in generators}) == len(sources) * (1 + len(APART))
+    generators += [generator_apart(key, use, seed) for key, seed in sources for use in get_args(Use)]
+    assert len({int(generator.integers(2**62)) for generator in generators}) == len(sources) * (1 + len(get_args(Use)))
