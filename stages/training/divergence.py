@@ -22,7 +22,7 @@ def refuse_divergence(loss: float, iteration: int) -> None:
         )
 
 
-def refuse_scattered(gaussians: Gaussians) -> None:
+def refuse_not_finite(gaussians: Gaussians) -> None:
     """Raise `UserError` if a Gaussian has a value that is NaN or infinite: no picture shows it, so no loss does."""
     for name, values in gaussians.parameters.items():
         wrong = int((~values.isfinite()).reshape(len(values), -1).any(dim=1).sum()) if len(values) else 0

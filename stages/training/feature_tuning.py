@@ -33,9 +33,16 @@ def half_watermarked(
     of them is called, and may raise to stop.
 
     The paper mixes photos with and without the watermark "in a 50% ratio"; using both versions of every view would fit
-    that description as well.
+    that description as well. Raises `UserError` for a single view, half of which is none.
     """
     count = len(views.cameras)
+    if count < 2:
+        raise UserError(
+            "half of the training views are to be watermarked",
+            found=f"{count} training view",
+            expected="two or more",
+            remedy="Give a capture of more photos, or set marked: false.",
+        )
     chosen = np.random.default_rng(seed).permutation(count)[: count // 2]
     rows = tuple(sorted(int(row) for row in chosen))
     pictures = [*views.pictures[COVER]]

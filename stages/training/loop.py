@@ -21,7 +21,7 @@ from stages.training.averaging import Averages
 from stages.training.backward import in_one_thread
 from stages.training.curves import Curves
 from stages.training.density_control import DensityControl, DensitySettings
-from stages.training.divergence import refuse_divergence, refuse_scattered
+from stages.training.divergence import refuse_divergence, refuse_not_finite
 from stages.training.objectives import Compared, FixedView, PictureTerm, total_loss
 from stages.training.optimizer import GaussianOptimizer
 from stages.training.prior import prior
@@ -225,5 +225,5 @@ class Training:
             self.curves.add(self.iteration, figures, len(self.gaussians))
             observe()
         self.averages.apply(self.gaussians, self.method)
-        refuse_scattered(self.gaussians)
+        refuse_not_finite(self.gaussians)
         return self.curves.rows()

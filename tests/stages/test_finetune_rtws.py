@@ -110,6 +110,13 @@ def test_half_of_the_views_are_watermarked(inputs: Inputs) -> None:
     assert rows != half_watermarked(views, watermarks.little_codec(), watermark, 1, lambda: None)[1]
 
 
+def test_half_of_a_single_view_would_be_none(tmp_path: Path) -> None:
+    views = training_views(read_scene(small.scene(tmp_path / "cover", test_views=small.VIEWS - 1)))
+    watermark = torch.zeros(small.HEIGHT, small.WIDTH, 3)
+    with pytest.raises(UserError, match="found 1 training view; expected two or more"):
+        half_watermarked(views, watermarks.little_codec(), watermark, 0, lambda: None)
+
+
 def test_the_decoder_learns_what_to_hold_back(tmp_path: Path, inputs: Inputs) -> None:
     given = {**inputs, "container": finetuned(tmp_path / "marked", inputs)["container"]}
     settings = {"method": "plain", "iterations": 40, "negatives": "photos_and_clean_renders", "distorted": True}
