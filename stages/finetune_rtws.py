@@ -26,7 +26,8 @@ from stages.training.feature_tuning import (
     half_watermarked,
     refuse_unknown_attributes,
 )
-from stages.training.objectives import FixedView, PictureTerm, hidden_image, hiding_terms
+from stages.training.hidden_image import hidden_image
+from stages.training.objectives import FixedView, PictureTerm, hiding_terms
 from stages.training.session import train
 from stages.training.threads import Threads
 from stages.training.views import training_views

@@ -16,8 +16,9 @@ from stages.imaging.image import read_image
 from stages.imaging.metric_table import write_rows
 from stages.scene.learnt_views import learnt_names
 from stages.scene.scene import Scene, read_scene
+from stages.training.hidden_image import hidden_image
 from stages.training.hiding import HidingParameters, hiding_training
-from stages.training.objectives import PictureTerm, cover_term, hidden_image
+from stages.training.objectives import PictureTerm, cover_term
 from stages.training.session import train
 from stages.training.views import training_views
 

@@ -10,10 +10,8 @@ from jaxtyping import Float, UInt8
 from torch import Tensor
 
 from stages.hiding.rendering import COVER
-from stages.imaging.image import filling
-from stages.imaging.pictures import Picture
 from stages.imaging.ssim import ssim
-from stages.scene.cameras import Camera, Cameras, single_cameras
+from stages.scene.cameras import Camera
 
 
 @dataclass(frozen=True)
@@ -32,15 +30,6 @@ class FixedView:
     term: PictureTerm
     camera: Camera
     truth: UInt8[Tensor, "H W 3"]
-
-
-def hidden_image(term: PictureTerm, picture: Picture, cameras: Cameras, view: str) -> FixedView:
-    """The picture, scaled to fill that of the camera named `view` and cropped, as what this camera must see.
-
-    Raises `KeyError` for an unknown view, and `UserError` for a picture of which next to nothing would be left.
-    """
-    camera = single_cameras(cameras.select([view]))[0]
-    return FixedView(term, camera, torch.from_numpy(filling(picture, camera.width, camera.height)))
 
 
 @dataclass(frozen=True)
