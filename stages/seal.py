@@ -8,9 +8,9 @@ from pydantic import Field
 
 from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
-from stages.hiding.in_the_clear import share_in_the_clear
 from stages.hiding.key import key_apart
 from stages.hiding.keystream import MOST_DIMENSIONS
+from stages.hiding.left_open import share_left_open
 from stages.hiding.method import Method
 from stages.hiding.method_names import MethodName, module_of
 from stages.hiding.sealing import SEAL, SEALED, SIGNS, Seal, Sealable, can_be_sealed, hash_of, unread_dimensions
@@ -42,8 +42,9 @@ def seal(context: Context, parameters: SealParameters) -> None:
     """Encrypt the part of each Gaussian's features that the scene decoder does not read; the secret gets the key.
 
     The cover does not change. Nothing can be encrypted if the scene decoder reads all of the features, as with every
-    method but ours, and with ours if it has no more channels than the decoder reads; and nothing needs to be if no
-    message is hidden. `sealed` says what then happens; true raises `UserError`.
+    method but ours, and with ours if it has no more channels than the decoder reads, or over `MOST_DIMENSIONS` more.
+    Nothing needs to be if no message is hidden. `sealed` says what then happens; true raises `UserError`. What the
+    scene decoder reads of the messages stays open: `left_open` records how much (`share_left_open`).
     """
     container, secret = context.input("container"), context.input("secret")
     check_method(container, parameters.method)
@@ -63,7 +64,7 @@ def seal(context: Context, parameters: SealParameters) -> None:
             context.log(
                 f"{made.in_the_clear} of {len(gaussians)} Gaussians have no room for a seal and stay as they are"
             )
-        context.record(in_the_clear=round(share_in_the_clear(gaussians, method), 3))
+        context.record(left_open=round(share_left_open(gaussians, method), 3))
         gaussians = made.published
         facts |= {SEAL: made.key.hex(), SEALED: hash_of(gaussians), SIGNS: made.signs().hex()}
         facts |= made.expected.facts()

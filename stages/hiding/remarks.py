@@ -20,8 +20,8 @@ IN_THE_OPEN = (
     "can be sealed with more than eight channels, and best with eight for each picture, the cover's included."
 )
 
-MOST_IN_THE_CLEAR = 0.25
-"""Share of the messages (`share_in_the_clear`) that a seal may leave without a remark. Fox, bonsai, kitchen and the
+MOST_LEFT_OPEN = 0.25
+"""Share of the messages (`share_left_open`) that a seal may leave without a remark. Fox, bonsai, kitchen and the
 demo's two messages have 0.05 to 0.16 with 16 channels, four messages in the fox 0.50."""
 
 ANOTHER_CONTAINER = (
@@ -36,16 +36,16 @@ def left_open(finished: Finished) -> tuple[Remark, ...]:
     was_asked_for = bool(finished.facts.get("seal_wanted"))
     messages = strings(finished.outputs["secret"], "messages")
     if finished.facts.get("sealed"):
-        return _partly_open(finished.facts.get("in_the_clear"), len(messages))
+        return _partly_open(finished.facts.get("left_open"), len(messages))
     return (Remark(IN_THE_OPEN),) if was_asked_for and messages else ()
 
 
 def _partly_open(share: object, messages: int) -> tuple[Remark, ...]:
-    if not isinstance(share, float) or share <= MOST_IN_THE_CLEAR:
+    if not isinstance(share, float) or share <= MOST_LEFT_OPEN:
         return ()
     return (
         Remark(
-            f"The seal leaves {share:.0%} of what the messages are made of in the clear, because the scene decoder "
+            f"The seal leaves {share:.0%} of what the messages are made of open, because the scene decoder "
             "reads it, too: a stranger who knows part of a message may recover more of it. The features have too few "
             f"channels for {agreeing(messages, f'{messages} message[s]')}. "
             f"feature_dim: {CHANNELS_OF_A_PICTURE * (1 + messages)} has room for all.",

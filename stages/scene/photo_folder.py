@@ -80,7 +80,7 @@ def find_photos(folder: Path, images: str | None = None) -> PhotoFolder:
         )
     for place in own:
         files = files_below(place)
-        photos = _photos_of_cameras(place)
+        photos = _of_cameras(place, [file for file in files if is_photo(file, SUFFIXES)])
         if photos:
             return PhotoFolder(
                 named_photos(place, photos), len(files) - len(photos), unread=unread_among(files, photos)
@@ -95,11 +95,10 @@ def find_photos(folder: Path, images: str | None = None) -> PhotoFolder:
     )
 
 
-def _photos_of_cameras(place: Path) -> list[Path]:
-    """The photos below a folder of folders, sorted; of folders called like masks or previews if there are no others."""
-    files = (folder / name for folder, names in folders_from(place, may_hold_photos) for name in names)
-    photos = sorted(file for file in files if is_photo(file, SUFFIXES))
-    return photos or [file for file in files_below(place) if is_photo(file, SUFFIXES)]
+def _of_cameras(place: Path, photos: list[Path]) -> list[Path]:
+    """Those of the photos below `place` in no folder called like masks or previews; all if there are no others."""
+    taken = [photo for photo in photos if all(map(may_hold_photos, photo.relative_to(place).parts[:-1]))]
+    return taken or photos
 
 
 def copies_among(photos: Mapping[str, Path]) -> list[str]:

@@ -14,14 +14,11 @@ from jaxtyping import Float
 from torch import Tensor
 
 from stages.analysis.secrecy.observing import Observed
+from stages.hiding.left_open import HARDLY
 from stages.hiding.method import Method
 from stages.hiding.rendering import COVER, splat
 from stages.scene.cameras import depths_before
 from stages.scene.gaussians import Gaussians
-
-HARDLY = 0.1
-"""The cover's share below which a Gaussian is kept. 0.25 and 0.5 show less of the fox's message: r = 0.82 and 0.70,
-instead of 0.84."""
 
 THIN = 0.05
 """Added to the accumulated opacity of the few Gaussians in a pixel before blended values are divided by it."""

@@ -1,4 +1,4 @@
-"""How much of the messages a seal leaves in the clear, because the scene decoder reads it, too.
+"""How much of the messages a seal leaves open, because the scene decoder reads it, too.
 
 With few channels for many messages, the message decoder's rows cannot be orthogonal to the scene decoder's. What both
 read cannot be encrypted: the cover would change.
@@ -15,11 +15,12 @@ from stages.hiding.sealing import Sealable, read_basis
 from stages.scene.gaussians import Gaussians
 
 HARDLY = 0.1
-"""Only Gaussians with less of the cover count: those that a stranger would look at."""
+"""The cover's share below which a Gaussian hardly belongs to it: a stranger would look at these. With 0.25 and 0.5,
+they show less of the fox's message: r = 0.82 and 0.70, instead of 0.84."""
 
 
 @torch.no_grad()
-def share_in_the_clear(gaussians: Gaussians, method: Sealable) -> float:
+def share_left_open(gaussians: Gaussians, method: Sealable) -> float:
     """Of what the message decoder reads, the share of its variance that what the scene decoder reads explains, 0 to 1.
 
     Over Gaussians that hardly belong to the cover, by least squares: an upper bound for strangers who look for linear

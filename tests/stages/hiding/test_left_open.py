@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from stages.hiding.coupled import FEATURES
-from stages.hiding.in_the_clear import share_in_the_clear
+from stages.hiding.left_open import share_left_open
 from stages.scene.gaussians import Gaussians, gaussians_at
 
 CHANNELS, READ = 8, 3
@@ -43,15 +43,15 @@ def gaussians(count: int) -> Gaussians:
 def test_the_share_is_that_of_the_rows_that_both_decoders_read(in_read: int) -> None:
     """Of four of equal weight, along channels that vary alike and on their own."""
     rows = torch.eye(CHANNELS)[[*range(min(in_read, READ))] + [0] * max(0, in_read - READ) + [*range(4, 8 - in_read)]]
-    assert share_in_the_clear(gaussians(20_000), Decoders(rows)) == pytest.approx(in_read / 4, abs=0.01)
+    assert share_left_open(gaussians(20_000), Decoders(rows)) == pytest.approx(in_read / 4, abs=0.01)
 
 
 def test_rows_that_lean_towards_what_is_read_count_by_how_much() -> None:
     rows = torch.zeros(1, CHANNELS)
     rows[0, 0], rows[0, 4] = 0.6, 0.8
-    assert share_in_the_clear(gaussians(20_000), Decoders(rows)) == pytest.approx(0.36, abs=0.01)
+    assert share_left_open(gaussians(20_000), Decoders(rows)) == pytest.approx(0.36, abs=0.01)
 
 
 @pytest.mark.parametrize("count", [0, 1, 2])
-def test_where_nothing_varies_nothing_is_in_the_clear(count: int) -> None:
-    assert share_in_the_clear(gaussians(count), Decoders(torch.eye(CHANNELS)[:1])) == 0
+def test_where_nothing_varies_nothing_is_left_open(count: int) -> None:
+    assert share_left_open(gaussians(count), Decoders(torch.eye(CHANNELS)[:1])) == 0
