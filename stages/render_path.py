@@ -8,7 +8,7 @@ from pydantic import Field
 from opencl.routes import describe_drawing, working_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.feature_map import feature_map_picture
-from stages.analysis.filming import encoded
+from stages.analysis.filming import encoded, refuse_too_much
 from stages.analysis.videos import write_videos
 from stages.hiding.image_view import IMAGE_VIEW
 from stages.hiding.message_names import FEATURE_MAP
@@ -57,7 +57,8 @@ def render_path(context: Context, parameters: RenderPathParameters) -> None:
     """Film everything the owner sees along a smooth path of the training cameras, separately and side by side.
 
     A hidden image is left out, for only its own camera shows it. Public videos show only the cover; there are none if
-    the container is private. `published` opens a sealed container that was found and recovered.
+    the container is private. `published` opens a sealed container that was found and recovered. Raises `UserError`
+    if the videos would be too large to be held in memory.
     """
     torch.set_num_threads(parameters.threads)
     container, secret = context.input("container"), context.input_optional("secret")
@@ -68,8 +69,10 @@ def render_path(context: Context, parameters: RenderPathParameters) -> None:
     filmed: dict[str, list[Picture]] = {}
     shown = () if secret is not None and IMAGE_VIEW in secret.attributes else None
     for number, rendering in enumerate(read.photographs(path, shown), start=1):
-        for title, picture in panels_of(read.gaussians, rendering).items():
-            filmed.setdefault(title, []).append(doubled(picture))
+        pictures = {title: doubled(picture) for title, picture in panels_of(read.gaussians, rendering).items()}
+        refuse_too_much(pictures, parameters.frames, "Set fewer frames.")
+        for title, picture in pictures.items():
+            filmed.setdefault(title, []).append(picture)
         context.progress_or_stop(number, parameters.frames)
     rate = parameters.frames / parameters.seconds
     videos = encoded(filmed, parameters.method, rate, context.stop_if_requested)

@@ -14,7 +14,7 @@ from pipeline.artifact import Artifact
 from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.comparisons import Comparison, Role, write_comparisons
-from stages.analysis.filming import encoded
+from stages.analysis.filming import encoded, refuse_too_much
 from stages.analysis.videos import write_videos
 from stages.hiding.bundle import CAMERAS, IMAGE_CAMERA
 from stages.hiding.camera_files import MOST_CAMERAS
@@ -67,7 +67,7 @@ def view_container(context: Context, parameters: ViewContainerParameters) -> Non
     """Render the cover, and each message beside it, along the published cameras.
 
     An image hidden in one view is rendered only from there: from elsewhere, its decoder shows nothing of it. Raises
-    `UserError` if the bundles lack the cameras for this.
+    `UserError` if the bundles lack the cameras for this, and if the videos would be too large to be held in memory.
     """
     torch.set_num_threads(parameters.threads)
     container, secret = context.input("container"), context.input_optional("secret")
@@ -78,15 +78,17 @@ def view_container(context: Context, parameters: ViewContainerParameters) -> Non
     read = read_container(container, secret, device)
     filmed: dict[str, list[Picture]] = {}
     for number, rendering in enumerate(read.photographs(path, None if hiding is None else ()), start=1):
-        for title, picture in rendering.pictures.items():
-            filmed.setdefault(title, []).append(tensor_to_picture(picture))
+        pictures = {title: tensor_to_picture(picture) for title, picture in rendering.pictures.items()}
+        refuse_too_much(pictures, len(path), "Set fewer frames, or a smaller width.")
+        for title, picture in pictures.items():
+            filmed.setdefault(title, []).append(picture)
         context.progress_or_stop(number, len(path))
-    pictures = _kept(filmed, path, parameters)
+    kept = _kept(filmed, path, parameters)
     if hiding is not None:
         shown = next(read.photographs(hiding)).pictures
         hidden = {title: [tensor_to_picture(picture)] for title, picture in shown.items() if title != COVER}
-        pictures += _kept(hidden, hiding, parameters)
-    _write(context, parameters, filmed, pictures)
+        kept += _kept(hidden, hiding, parameters)
+    _write(context, parameters, filmed, kept)
     context.record(device=describe_drawing(device))
 
 

@@ -4,12 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
+from pipeline.errors import UserError
 from stages.analysis.videos import Video, VideoRole
 from stages.hiding.message_names import FEATURE_MAP, SIDE_BY_SIDE
 from stages.hiding.rendering import COVER
 from stages.imaging.panels import columns_of, side_by_side
 from stages.imaging.pictures import Picture
 from stages.imaging.video import encode_video
+
+MOST_BYTES = 4 * 2**30
+"""Largest sum of all pictures. They are held until they are encoded, which takes up to twice as many bytes again."""
+
+
+def refuse_too_much(pictures: Mapping[str, Picture], frames: int, remedy: str) -> None:
+    """Raise `UserError`, with `remedy`, if `frames` times the first pictures are more than `MOST_BYTES`.
+
+    The number of titles comes from a secret, which may be a stranger's: a file of a few kilobytes can name a thousand.
+    """
+    size = frames * sum(picture.nbytes for picture in pictures.values())
+    if size > MOST_BYTES:
+        height, width, _ = next(iter(pictures.values())).shape
+        raise UserError(
+            "the videos are too large to be held in memory",
+            found=f"{len(pictures)} videos of {frames} frames of {width} x {height} pixels, {size / 2**30:.1f} GiB",
+            expected=f"at most {MOST_BYTES / 2**30:.0f} GiB",
+            remedy=remedy,
+        )
 
 
 def encoded(

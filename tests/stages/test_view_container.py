@@ -10,6 +10,7 @@ import pytest
 
 from pipeline.artifact import Artifact, create, load
 from pipeline.errors import UserError
+from stages.analysis import filming
 from stages.analysis.comparisons import Comparison, read_comparisons
 from stages.analysis.videos import read_videos
 from stages.export_container import ExportContainerParameters, export_container
@@ -206,3 +207,14 @@ def test_what_is_published_large_is_shown_small(tmp_path: Path, of_a_picture: di
     assert shown[COVER].names == ("0000", "0002", "0007")
     whole = pictures(seen(tmp_path / "whole", bundle, secret))[COVER].rendered[0]
     assert abs(float(whole.mean()) - float(shown[COVER].rendered[0].mean())) < 12
+
+
+def test_videos_larger_than_memory_are_refused(
+    tmp_path: Path, of_scenes: dict[str, Artifact], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A few kilobytes of a stranger's can name a thousand messages."""
+    bundle, secret = of_scenes["bundle"].path, of_scenes["secret_bundle"].path
+    monkeypatch.setattr(filming, "MOST_BYTES", 8 * small.HEIGHT * small.WIDTH * 3)
+    seen(tmp_path / "cover", bundle, method="homogeneous")
+    with pytest.raises(UserError, match=r"2 videos of 8 frames .* fewer frames, or a smaller width"):
+        seen(tmp_path / "both", bundle, secret, "homogeneous")
