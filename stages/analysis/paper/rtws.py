@@ -11,11 +11,10 @@ from stages.analysis.method_titles import GS_HIDER
 from stages.analysis.page.figures import MISSING
 from stages.analysis.paper.chapter import Chapter, title_of
 from stages.analysis.paper.grid import HERE, PAPER, Cell, Grid, Line, figure_cell, published_cell, some_of
-from stages.analysis.paper.measuring import Measured, Spread, measure
+from stages.analysis.paper.measuring import Measured, Spread
 from stages.analysis.paper.published import Published
-from stages.analysis.paper.relations import Relation, TwiceCounted
-from stages.analysis.paper.runs import Experiment, Run, Study, capture_title
-from stages.analysis.paper.single_image import image_psnr
+from stages.analysis.paper.rtws_relations import relations
+from stages.analysis.paper.runs import Experiment, Study, capture_title
 from stages.analysis.paper.watermark_figures import (
     EXACT,
     GRAINED,
@@ -27,9 +26,9 @@ from stages.analysis.paper.watermark_figures import (
     percent_cell,
     title_of_key,
     value_of,
-    variant_of,
 )
 from stages.analysis.paper.watermark_survival import survival
+from stages.analysis.paper.watermarked import Watermarked, watermarked
 from stages.analysis.watermark_trials import (
     BOUND,
     BOUND_AT_99,
@@ -40,7 +39,6 @@ from stages.analysis.watermark_trials import (
     COVER_AFTER,
     COVER_BEFORE,
     COVER_CONTROL,
-    DETECTED,
     DETECTED_AT_99,
     FALSE_POSITIVES,
     FALSE_POSITIVES_AT_99,
@@ -54,21 +52,11 @@ from stages.analysis.watermark_trials import (
     TRIALS,
 )
 
-BEFORE, CONTROL, AFTER = "before", "control", "after"
-"""Beginnings of the names of stages that score containers before and after fine-tuning, and containers that were
-fine-tuned as long without the watermark."""
-
-MOST_LOST_ON_THE_COVER, MOST_LOST_ON_THE_MESSAGE, LEAST_OF_THE_WATERMARK = 0.6, 2.0, 35.0
-MOST_FALSE_POSITIVES, LEAST_DETECTED = 0.1, 99.0  # percent
-
-TO_CONTROL = "training as long without it"
-AT_99 = " at 99 % detection"
-BOUNDS = ((BOUND_AT_99, BOUND_BY_SCENE_AT_99, AT_99), (BOUND, BOUND_BY_SCENE, ""))
-"""Quantities by picture and by scene, and the threshold that they are for."""
-
-SAME_CONTAINER = {"clean": PAPERS}
-"""Variants that differ from another only in the decoder: the image of their container is scored once."""
-
+COLUMNS_NOTE = (
+    "Cover and watermark: test views. Image: the one view that hides it. Paper: nine captures. A watermark that is "
+    f"shown exactly counts as {EXACT:g} dB. Grain carries no picture: its owner is shown the original, as bright as "
+    "the detection is certain, which has no place in this column."
+)
 CONTROL_NOTE = (
     "Trained further without it: for as long as RTWS fine-tunes, on the unmarked views. What these steps gain masks "
     "what the watermark costs."
@@ -113,108 +101,64 @@ NOTES = {IMPRINTED: IMPRINT_NOTE, GRAINED: OWNERS_NOTE}
 
 
 def rtws(study: Study, tables: Published) -> Chapter:
-    """The chapter on `detect_watermark`, and on runs of stages named `before...`, `control...` and `after...`."""
-    before, control, after = (_images(study.runs, word) for word in (BEFORE, CONTROL, AFTER))
-    detections: dict[Key, list[Experiment]] = {}
-    for each in study.experiments:
-        if any(row.condition == OTHER_SCENES for row in each.rows):
-            variant = variant_of(each.stage, str(each.values.get("variant", PAPERS)))
-            group = detections.setdefault((each.method, variant), [])
-            if not any(_measured(each) == _measured(other) for other in group):
-                group.append(each)
+    """The chapter on what `detect_watermark` measured, and on containers before and after fine-tuning."""
+    found = watermarked(study)
     grids = [
-        _fidelity(before, control, after, detections, tables),
-        _negatives(detections),
-        _at_99(detections),
-        survival(detections),
+        _fidelity(found, tables),
+        _negatives(found.detections),
+        _at_99(found.detections),
+        survival(found.detections),
         _codec(study.experiments),
     ]
     return Chapter(
         "A copyright mark read from renders",
         tuple(grid for grid in grids if grid.lines),
-        tuple(_relations(before, control, after, detections, tables)),
-        tuple(run for group in (before, control, after) for runs in group.values() for run in runs),
+        tuple(relations(found, tables)),
+        found.runs,
     )
 
 
-def _measured(each: Experiment) -> tuple[object, ...]:
-    """Identifies a measurement: rows of a workflow that differ only in what it does not depend on share one."""
-    return each.capture, each.seed, each.rows
-
-
-def _images(runs: Iterable[Run], word: str) -> dict[Key, list[Run]]:
-    """Runs of stages whose names begin with `word`, by method and by the variant that their items state.
-
-    They score the hidden image; `detect_watermark` scores the cover, beside the watermark.
-    """
-    groups: dict[Key, list[Run]] = {}
-    for run in runs:
-        if run.stage.startswith(word):
-            stated = [value.removeprefix("variant=") for value in run.other if value.startswith("variant=")]
-            variant = variant_of(run.stage, stated[0] if stated else PAPERS)
-            groups.setdefault((run.method, variant), []).append(run)
-    return groups
-
-
-def _earlier(before: Mapping[Key, Sequence[Run]], key: Key) -> list[Run]:
-    """The runs of the method, whichever variant was made from its container afterwards."""
-    return [run for (method, _), runs in before.items() if method == key[0] for run in runs]
-
-
-def _later(after: Mapping[Key, Sequence[Run]], key: Key) -> Sequence[Run]:
-    method, variant = key
-    return after.get(key) or after.get((method, SAME_CONTAINER.get(variant, variant)), ())
-
-
-def _fidelity(
-    before: Mapping[Key, Sequence[Run]],
-    control: Mapping[Key, Sequence[Run]],
-    after: Mapping[Key, Sequence[Run]],
-    detections: Mapping[Key, Sequence[Experiment]],
-    tables: Published,
-) -> Grid:
+def _fidelity(found: Watermarked, tables: Published) -> Grid:
     """PSNR_S, PSNR_M and PSNR_W, beside the paper's."""
-    lines, titled, controlled = [], set(), set()
-    captures = captures_of(detections)
-    for key, group in detections.items():
-        is_paper = key == (GS_HIDER, PAPERS)
-        if key[0] not in titled:
-            titled.add(key[0])
-            title = f"{title_of(key[0])}, before"
-            figures = (
-                figures_by_capture(group, "psnr", COVER_BEFORE),
-                measure(_earlier(before, key), image_psnr),
-                Measured({}),
-            )
-            lines.append(Line((title, HERE), _decibels(figures, captures)))
-            if is_paper:
-                lines.append(Line((title, PAPER), _published(tables, "without"), published=True))
-        cover = figures_by_capture(group, "psnr", COVER_CONTROL)
-        if cover.by_capture and key[0] not in controlled:
-            controlled.add(key[0])
-            figures = (cover, measure(_earlier(control, key), image_psnr), Measured({}))
-            lines.append(Line((f"{title_of(key[0])}, trained further without it", HERE), _decibels(figures, captures)))
-        figures = (
-            figures_by_capture(group, "psnr", COVER_AFTER),
-            measure(_later(after, key), image_psnr),
-            Measured({}) if key[1] == GRAINED else figures_by_capture(group, PSNR_WATERMARK, RENDERS),
-        )
-        lines.append(Line((title_of_key(key), HERE), _decibels(figures, captures)))
-        if is_paper:
-            lines.append(Line((title_of_key(key), PAPER), _published(tables, "with"), published=True))
+    lines, methods, controlled = list[Line](), set(), set()
+    captures = captures_of(found.detections)
+    for key in found.detections:
+        method, is_paper = key[0], key == (GS_HIDER, PAPERS)
+        if method not in methods:
+            methods.add(method)
+            lines += _before(found, key, captures, tables if is_paper else None)
+        cover = figures_by_capture(found.detections[key], "psnr", COVER_CONTROL)
+        if cover.by_capture and method not in controlled:
+            controlled.add(method)
+            figures = (cover, found.image_of_control(key), Measured({}))
+            lines.append(Line((f"{title_of(method)}, trained further without it", HERE), _decibels(figures, captures)))
+        lines += _after(found, key, captures, tables if is_paper else None)
     return Grid(
         "RTWS: PSNR (dB), averages over the captures",
         ("Container", "Figures"),
         ("Cover", "Image", "Watermark"),
         tuple(lines),
-        (
-            "Cover and watermark: test views. Image: the one view that hides it. Paper: nine captures. A watermark "
-            f"that is shown exactly counts as {EXACT:g} dB. Grain carries no picture: its owner is shown the "
-            "original, as bright as the detection is certain, which has no place in this column.",
-            HELD_NOTE,
-            *([CONTROL_NOTE] if controlled else []),
-        ),
+        (COLUMNS_NOTE, HELD_NOTE, *([CONTROL_NOTE] if controlled else [])),
     )
+
+
+def _before(found: Watermarked, key: Key, captures: Collection[str], tables: Published | None) -> Iterator[Line]:
+    """A method's containers before the watermark, here and, with `tables`, in the paper."""
+    title = f"{title_of(key[0])}, before"
+    cover = figures_by_capture(found.detections[key], "psnr", COVER_BEFORE)
+    yield Line((title, HERE), _decibels((cover, found.image_before(key), Measured({})), captures))
+    if tables is not None:
+        yield Line((title, PAPER), _published(tables, "without"), published=True)
+
+
+def _after(found: Watermarked, key: Key, captures: Collection[str], tables: Published | None) -> Iterator[Line]:
+    """The same with the watermark."""
+    group = found.detections[key]
+    cover = figures_by_capture(group, "psnr", COVER_AFTER)
+    watermark = Measured({}) if key[1] == GRAINED else figures_by_capture(group, PSNR_WATERMARK, RENDERS)
+    yield Line((title_of_key(key), HERE), _decibels((cover, found.image_after(key), watermark), captures))
+    if tables is not None:
+        yield Line((title_of_key(key), PAPER), _published(tables, "with"), published=True)
 
 
 def _decibels(figures: Iterable[Measured], captures: Collection[str]) -> tuple[Cell, ...]:
@@ -342,50 +286,3 @@ def _codec(experiments: Iterable[Experiment]) -> Grid:
         ("Watermarked picture", "Watermark, from 8 bits"),
         tuple(lines),
     )
-
-
-def _relations(
-    before: Mapping[Key, Sequence[Run]],
-    control: Mapping[Key, Sequence[Run]],
-    after: Mapping[Key, Sequence[Run]],
-    detections: Mapping[Key, Sequence[Experiment]],
-    tables: Published,
-) -> Iterator[Relation]:
-    """The requirements of this project; the paper gives no false positives."""
-    paper = tables.traceable_watermark
-    for key, group in detections.items():
-        title, is_paper = title_of_key(key), key == (GS_HIDER, PAPERS)
-        for runs, condition, to in ((before, COVER_BEFORE, "before"), (control, COVER_CONTROL, TO_CONTROL)):
-            covers = figures_by_capture(group, "psnr", condition)
-            if not covers.by_capture:
-                continue
-            losses = {
-                "cover": figures_by_capture(group, "psnr", COVER_AFTER).minus(covers),
-                "message": measure(_later(after, key), image_psnr).minus(measure(_earlier(runs, key), image_psnr)),
-            }
-            for picture, most in (("cover", MOST_LOST_ON_THE_COVER), ("message", MOST_LOST_ON_THE_MESSAGE)):
-                if losses[picture].by_capture:
-                    is_published = is_paper and condition == COVER_BEFORE
-                    published = paper["with"][picture] - paper["without"][picture] if is_published else math.nan
-                    text = f"{title}: {picture}, vs. {to}"
-                    yield Relation(text, "difference", "at least", -most, losses[picture], published)
-        if key[1] != GRAINED:
-            published = paper["with"]["watermark"] if is_paper else math.nan
-            shown = figures_by_capture(group, PSNR_WATERMARK, RENDERS)
-            yield Relation(f"{title}: watermark", "figure", "at least", LEAST_OF_THE_WATERMARK, shown, published)
-        for quantity, where in ((DETECTED, ""), (DETECTED_AT_99, AT_99)):
-            detected = _percents(group, quantity, CLEAN_CHANNEL)
-            if detected.by_capture:
-                text = f"{title}: renders detected{where}, in %"
-                yield Relation(text, "ratio", "at least", LEAST_DETECTED, detected)
-        for by_picture, by_scene, where in BOUNDS:
-            for condition, of in ((OTHER_SCENES, "other scenes"), (OWN_SCENE, "the cover without it")):
-                bound, of_scenes = (_percents(group, quantity, condition) for quantity in (by_picture, by_scene))
-                if bound.by_capture:
-                    text = f"{title}: upper bound on false positives{where}, {of}, in %"
-                    yield TwiceCounted(text, "ratio", "less than", MOST_FALSE_POSITIVES, bound, by_scene=of_scenes)
-
-
-def _percents(detections: Iterable[Experiment], quantity: str, condition: str) -> Measured:
-    found = figures_by_capture(detections, quantity, condition)
-    return Measured({capture: Spread(100 * each.mean) for capture, each in found.by_capture.items()})
