@@ -50,6 +50,22 @@ def find_photos(folder: Path, images: str | None = None) -> PhotoFolder:
     of that name is searched, in the same way. Raises `UserError` if there is no folder or no photo, for names that
     tables cannot hold, and for photos that differ only in extension: results are paired by name.
     """
+    _refuse_missing(folder, images)
+    own = [folder / name for name in (SUBFOLDERS if images is None else (images,)) if (folder / name).is_dir()]
+    found = _found_directly(folder, own, images) or _found_below(own)
+    if found is None:
+        searched = images or f"it or in its folder {', '.join(SUBFOLDERS)}"
+        raise UserError(
+            "a folder without photos",
+            where=folder,
+            found=what_is_there(folder),
+            expected=f"photos ({', '.join(SUFFIXES)}) in {searched}",
+            remedy=_how_to_have_photos([*folder.iterdir(), *(file for place in own for file in files_below(place))]),
+        )
+    return found
+
+
+def _refuse_missing(folder: Path, images: str | None) -> None:
     if not folder.is_dir():
         raise UserError(
             "no such folder of photos",
@@ -64,20 +80,28 @@ def find_photos(folder: Path, images: str | None = None) -> PhotoFolder:
             found=what_is_there(folder),
             expected="a folder of that name (parameter images)",
         )
-    own = [folder / name for name in (SUBFOLDERS if images is None else (images,)) if (folder / name).is_dir()]
+
+
+def _found_directly(folder: Path, own: Sequence[Path], images: str | None) -> PhotoFolder | None:
+    """The photos directly in `folder` or in the first of its `own` subfolders with any; None if neither has any."""
     inside = next(((place, photos) for place in own if (photos := photos_in(place, SUFFIXES))), (folder, []))
     beside = (folder, photos_in(folder, SUFFIXES) if images is None else [])
     (place, photos), (_, left_out) = (beside, inside) if len(beside[1]) >= len(inside[1]) else (inside, beside)
-    if photos:
-        files = [file for file in place.iterdir() if file.is_file()]
-        below = photos_below(folder if images is None else place, photos, left_out, {*own} - {place}, SUFFIXES)
-        return PhotoFolder(
-            named_photos(place, photos),
-            len(files) - len(photos),
-            tuple(left_out),
-            unread_among(files, photos),
-            tuple(below),
-        )
+    if not photos:
+        return None
+    files = [file for file in place.iterdir() if file.is_file()]
+    below = photos_below(folder if images is None else place, photos, left_out, {*own} - {place}, SUFFIXES)
+    return PhotoFolder(
+        named_photos(place, photos),
+        len(files) - len(photos),
+        tuple(left_out),
+        unread_among(files, photos),
+        tuple(below),
+    )
+
+
+def _found_below(own: Iterable[Path]) -> PhotoFolder | None:
+    """The photos at any depth below the first of the `own` subfolders that has any; None if none has."""
     for place in own:
         files = files_below(place)
         photos = _of_cameras(place, [file for file in files if is_photo(file, SUFFIXES)])
@@ -85,14 +109,7 @@ def find_photos(folder: Path, images: str | None = None) -> PhotoFolder:
             return PhotoFolder(
                 named_photos(place, photos), len(files) - len(photos), unread=unread_among(files, photos)
             )
-    searched = images or f"it or in its folder {', '.join(SUBFOLDERS)}"
-    raise UserError(
-        "a folder without photos",
-        where=folder,
-        found=what_is_there(folder),
-        expected=f"photos ({', '.join(SUFFIXES)}) in {searched}",
-        remedy=_how_to_have_photos([*folder.iterdir(), *(file for place in own for file in files_below(place))]),
-    )
+    return None
 
 
 def _of_cameras(place: Path, photos: list[Path]) -> list[Path]:
