@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from stages.analysis.method_titles import DECODER, GS_HIDER
 from stages.analysis.page.figures import label
@@ -27,7 +27,7 @@ from stages.analysis.paper.grid import (
     published_cells,
     without_empty_columns,
 )
-from stages.analysis.paper.measuring import Figure, Measured, cover, measure, noise
+from stages.analysis.paper.measuring import Figure, cover, measure, noise
 from stages.analysis.paper.published import Published, average
 from stages.analysis.paper.relations import Relation
 from stages.analysis.paper.runs import Run, Study
@@ -146,62 +146,68 @@ def _published_lines(method: str, captures: Sequence[str], tables: Published) ->
 
 
 def _relations(runs: Sequence[Run], study: Study, tables: Published) -> tuple[Relation, ...]:
+    return (*_against_the_paper(runs, study, tables), *_overfitting(runs))
+
+
+def _against_the_paper(runs: Sequence[Run], study: Study, tables: Published) -> Iterator[Relation]:
+    """What the paper's table says of GS-Hider, beside 3DGS and 3DGS+Decoder."""
     name, rival = title_of(GS_HIDER), title_of(DECODER)
-    of_cover = noises(runs, study)["cover"]
-    of_image, of_the_loss = (noise(runs, figure) for figure in (image_psnr, lost_where_it_hides))
-    hider, decoder = tables.single_image[GS_HIDER], tables.single_image[DECODER]
+    of_cover, of_image = noises(runs, study)["cover"], noise(runs, image_psnr)
+    covers = {method: of_method(runs, method, cover("psnr")) for method in (PLAIN, DECODER, GS_HIDER)}
+    images = {method: of_method(runs, method, image_psnr) for method in (DECODER, GS_HIDER)}
+    paper = tables.single_image
+    hider, decoder = paper[GS_HIDER], paper[DECODER]
+    image = average(hider.message)
+    yield Relation(f"{name}: the image", "figure", "at least", LEAST_OF_THE_IMAGE, images[GS_HIDER], image, of_image)
+    yield Relation(
+        f"{name} not far below 3DGS on the cover",
+        "difference",
+        "at least",
+        -MOST_LOST_ON_THE_COVER,
+        covers[GS_HIDER].minus(covers[PLAIN]),
+        average(hider.cover) - average(paper[PLAIN].cover),
+        of_cover,
+    )
+    yield Relation(
+        f"{name} above {rival} on the cover",
+        "difference",
+        "more than",
+        0.0,
+        covers[GS_HIDER].minus(covers[DECODER]),
+        average(hider.cover) - average(decoder.cover),
+        of_cover,
+    )
+    yield Relation(
+        f"{name} above {rival} on the image",
+        "difference",
+        "more than",
+        0.0,
+        images[GS_HIDER].minus(images[DECODER]),
+        image - average(decoder.message),
+        of_image,
+    )
 
-    def of(method: str, figure: Figure) -> Measured:
-        return of_method(runs, method, figure)
 
-    images = of(GS_HIDER, image_psnr)
-    return (
-        Relation(
-            f"{name}: the image", "figure", "at least", LEAST_OF_THE_IMAGE, images, average(hider.message), of_image
-        ),
-        Relation(
-            f"{name} not far below 3DGS on the cover",
-            "difference",
-            "at least",
-            -MOST_LOST_ON_THE_COVER,
-            of(GS_HIDER, cover("psnr")).minus(of(PLAIN, cover("psnr"))),
-            average(hider.cover) - average(tables.single_image[PLAIN].cover),
-            of_cover,
-        ),
-        Relation(
-            f"{name} above {rival} on the cover",
-            "difference",
-            "more than",
-            0.0,
-            of(GS_HIDER, cover("psnr")).minus(of(DECODER, cover("psnr"))),
-            average(hider.cover) - average(decoder.cover),
-            of_cover,
-        ),
-        Relation(
-            f"{name} above {rival} on the image",
-            "difference",
-            "more than",
-            0.0,
-            images.minus(of(DECODER, image_psnr)),
-            average(hider.message) - average(decoder.message),
-            of_image,
-        ),
-        Relation(
-            f"{rival} overfits: its cover in the view that hides the image, vs. its other training views",
-            "difference",
-            "less than",
-            0.0,
-            of(DECODER, lost_where_it_hides),
-            noise=of_the_loss,
-            source="shown",
-        ),
-        Relation(
-            f"{name} is immune: its cover loses less in that view than that of {rival}",
-            "difference",
-            "more than",
-            0.0,
-            of(GS_HIDER, lost_where_it_hides).minus(of(DECODER, lost_where_it_hides)),
-            noise=of_the_loss,
-            source="shown",
-        ),
+def _overfitting(runs: Sequence[Run]) -> Iterator[Relation]:
+    """What the paper shows of the view that hides the image, without figures."""
+    name, rival = title_of(GS_HIDER), title_of(DECODER)
+    lost = {method: of_method(runs, method, lost_where_it_hides) for method in (DECODER, GS_HIDER)}
+    of_the_loss = noise(runs, lost_where_it_hides)
+    yield Relation(
+        f"{rival} overfits: its cover in the view that hides the image, vs. its other training views",
+        "difference",
+        "less than",
+        0.0,
+        lost[DECODER],
+        noise=of_the_loss,
+        source="shown",
+    )
+    yield Relation(
+        f"{name} is immune: its cover loses less in that view than that of {rival}",
+        "difference",
+        "more than",
+        0.0,
+        lost[GS_HIDER].minus(lost[DECODER]),
+        noise=of_the_loss,
+        source="shown",
     )
