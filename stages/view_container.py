@@ -79,7 +79,8 @@ def view_container(context: Context, parameters: ViewContainerParameters) -> Non
     filmed: dict[str, list[Picture]] = {}
     for number, rendering in enumerate(read.photographs(path, None if hiding is None else ()), start=1):
         pictures = {title: tensor_to_picture(picture) for title, picture in rendering.pictures.items()}
-        refuse_too_much(pictures, len(path), "Set fewer frames, or a smaller width.")
+        large = {title: doubled(picture) for title, picture in pictures.items()}
+        refuse_too_much(large, len(path), "Set fewer frames, or a smaller width.")
         for title, picture in pictures.items():
             filmed.setdefault(title, []).append(picture)
         context.progress_or_stop(number, len(path))

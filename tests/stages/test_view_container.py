@@ -214,7 +214,7 @@ def test_videos_larger_than_memory_are_refused(
 ) -> None:
     """A few kilobytes of a stranger's can name a thousand messages."""
     bundle, secret = of_scenes["bundle"].path, of_scenes["secret_bundle"].path
-    monkeypatch.setattr(filming, "MOST_BYTES", 8 * small.HEIGHT * small.WIDTH * 3)
+    monkeypatch.setattr(filming, "MOST_BYTES", 8 * 4 * small.HEIGHT * small.WIDTH * 3)  # pictures are doubled
     seen(tmp_path / "cover", bundle, method="homogeneous")
     with pytest.raises(UserError, match=r"2 videos of 8 frames .* fewer frames, or a smaller width"):
         seen(tmp_path / "both", bundle, secret, "homogeneous")

@@ -11,7 +11,7 @@ from stages.analysis.page.chart import Chart
 from stages.analysis.page.figures import write_figure
 from stages.analysis.page.summary import Tile
 from stages.analysis.paper.grid import Grid
-from stages.analysis.paper.measuring import Figure, Measured, Noise, cover, measure, message, noise
+from stages.analysis.paper.measuring import UNMEASURED, Figure, Measured, Noise, cover, measure, message, noise
 from stages.analysis.paper.published import Published
 from stages.analysis.paper.relations import Relation
 from stages.analysis.paper.runs import Run, Study, capture_title, method_title
@@ -61,8 +61,9 @@ def blocks(runs: Sequence[Run], methods: Collection[str] = ()) -> Iterator[tuple
 
 
 def of_method(runs: Iterable[Run], method: str, figure: Figure) -> Measured:
-    """A figure of one method's runs."""
-    return measure((run for run in runs if run.method == method), figure)
+    """A figure of one method's runs; UNMEASURED if they have several settings, for their mean is a figure of none."""
+    own = [run for run in runs if run.method == method]
+    return measure(own, figure) if len({run.settings for run in own}) < 2 else UNMEASURED
 
 
 def title_of(method: str) -> str:

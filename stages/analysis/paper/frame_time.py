@@ -38,7 +38,7 @@ def frame_time(study: Study, tables: Published) -> Chapter:
     for method, title, group in _kinds(study, tables):
         for quantity, part in PARTS.items():
             figure = cover(quantity, None)
-            reference = None if method == PLAIN else of_method(runs, PLAIN, figure)
+            reference = None if method == PLAIN else of_method(usual(runs), PLAIN, figure)
             lines.append(
                 Line((title, part, HERE), tuple(measured_cells(quantity, measure(group, figure), reference, captures)))
             )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from scipy.stats import t as student
 
@@ -59,9 +59,13 @@ def together(spreads: Sequence[Spread]) -> Spread:
 
 @dataclass(frozen=True)
 class Measured:
-    """A figure of runs of one kind, by capture."""
+    """A figure of runs of one kind, by capture, and there by what each run hides.
+
+    `by_message` has no capture whose runs do not say what they hide, such as those of plain 3DGS.
+    """
 
     by_capture: Mapping[str, Spread]
+    by_message: Mapping[str, Mapping[str, Spread]] = field(default_factory=dict)
 
     @property
     def average(self) -> Spread:
@@ -75,7 +79,8 @@ class Measured:
     @property
     def certain(self) -> Measured:
         """The same figures with infinite `worth`, for what does not depend on the seed."""
-        return Measured({capture: replace(each, worth=math.inf) for capture, each in self.by_capture.items()})
+        messages = {capture: _certain(spreads) for capture, spreads in self.by_message.items()}
+        return Measured(_certain(self.by_capture), messages)
 
     def minus(self, other: Measured) -> Measured:
         """The difference on each capture that both have."""
@@ -86,15 +91,25 @@ class Measured:
         return self.with_other(other, lambda own, others: own / others if others else math.nan)
 
     def with_other(self, other: Measured, combine: Callable[[float, float], float]) -> Measured:
-        """Both figures combined on each capture that both have, unless that is NaN; `worth` as of a difference."""
+        """Both figures combined on each capture that both have, unless that is NaN; `worth` as of a difference.
+
+        Where both say what they hide, only what both hid there is compared: a row that failed would otherwise leave the
+        mean of two messages beside that of one.
+        """
         found = {}
         for capture in [each for each in self.by_capture if each in other.by_capture]:
-            own = self.by_capture[capture]
-            value = combine(own.mean, other.on(capture))
+            own, others = self._alike(capture, other), other._alike(capture, self)
+            value = combine(own.mean, others.mean)
             if not math.isnan(value):
-                worth = 1 / (1 / own.worth + 1 / other.by_capture[capture].worth)
-                found[capture] = Spread(value, worth=worth)
+                found[capture] = Spread(value, worth=1 / (1 / own.worth + 1 / others.worth))
         return Measured(found)
+
+    def _alike(self, capture: str, other: Measured) -> Spread:
+        """The mean on a capture over what `other` hid there, too; over all of it if either does not say."""
+        own, others = (each.by_message.get(capture, {}) for each in (self, other))
+        if not own or not others or own.keys() == others.keys():
+            return self.by_capture[capture]
+        return together([spread for message, spread in own.items() if message in others])
 
 
 UNMEASURED = Measured({})
@@ -124,13 +139,23 @@ def measure(runs: Iterable[Run], figure: Figure) -> Measured:
     The spread is over runs that differ only in the seed. Runs that also differ in something else, such as the message,
     are averaged, without a deviation. Runs that differ in nothing known, not even in the seed, count as one.
     """
-    values: dict[str, dict[tuple[str, ...], dict[str, list[float]]]] = {}
+    values: dict[str, dict[str, dict[tuple[str, ...], dict[str, list[float]]]]] = {}
     for run in runs:
         value = figure(run)
         if not math.isnan(value):
-            groups = values.setdefault(run.capture, {})
+            groups = values.setdefault(run.capture, {}).setdefault(run.hides, {})
             groups.setdefault(run.other, {}).setdefault(run.seed, []).append(value)
-    return Measured({capture: _spread([*map(_by_seed, groups.values())]) for capture, groups in values.items()})
+    by_capture, by_message = {}, {}
+    for capture, messages in values.items():
+        grouped = {message: [*map(_by_seed, groups.values())] for message, groups in messages.items()}
+        by_capture[capture] = _spread([group for groups in grouped.values() for group in groups])
+        if all(grouped):
+            by_message[capture] = {message: _spread(groups) for message, groups in grouped.items()}
+    return Measured(by_capture, by_message)
+
+
+def _certain(spreads: Mapping[str, Spread]) -> dict[str, Spread]:
+    return {name: replace(spread, worth=math.inf) for name, spread in spreads.items()}
 
 
 def _by_seed(values: Mapping[str, Sequence[float]]) -> list[float]:

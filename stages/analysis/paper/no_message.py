@@ -31,7 +31,7 @@ from stages.analysis.paper.measuring import cover, measure
 from stages.analysis.paper.published import Published, average, published_name
 from stages.analysis.paper.relations import Relation
 from stages.analysis.paper.runs import Run, Study
-from stages.analysis.paper.settings import usual_settings
+from stages.analysis.paper.settings import BUILDING, usual_settings
 from stages.hiding.method_names import PLAIN
 
 MOST_LOST_WITHOUT_A_MESSAGE = 0.7
@@ -70,8 +70,9 @@ def _published_line(method: str, quantity: str, study: Study, tables: Published)
 
 def _relations(runs: tuple[Run, ...], study: Study, tables: Published) -> tuple[Relation, ...]:
     name, noise = title_of(GS_HIDER), noises(runs, study)["cover"]
-    bare = of_method(usual(runs), GS_HIDER, cover("psnr"))
-    larger = of_method([run for run in runs if _is_larger(run, tables)], GS_HIDER, cover("psnr"))
+    own = [run for run in runs if run.method == GS_HIDER]
+    bare = of_method([run for run in usual(own) if not _builds(run)], GS_HIDER, cover("psnr"))
+    larger = measure([run for run in own if _is_larger(run, tables)], cover("psnr"))
     return (
         Relation(
             f"{name} without a message not far below 3DGS",
@@ -94,9 +95,14 @@ def _relations(runs: tuple[Run, ...], study: Study, tables: Published) -> tuple[
     )
 
 
+def _builds(run: Run) -> dict[str, float | str]:
+    """The settings of features and decoder that are not the usual ones."""
+    return {name: value for name, value in run.settings if name in BUILDING}
+
+
 def _is_larger(run: Run, tables: Published) -> bool:
     """Whether features or decoder are larger than the paper's, and neither is smaller."""
-    values = usual_settings(run.method, tables.setup)
-    return bool(run.settings) and all(
-        isinstance(value, float) and value > values.get(name, math.inf) for name, value in run.settings
+    values, built = usual_settings(run.method, tables.setup), _builds(run)
+    return bool(built) and all(
+        isinstance(value, float) and value > values.get(name, math.inf) for name, value in built.items()
     )

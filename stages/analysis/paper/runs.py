@@ -62,6 +62,11 @@ class Run:
         return tuple(dict.fromkeys(row.message for row in self.rows if row.message is not None))
 
     @property
+    def hides(self) -> str:
+        """What is hidden, by which runs of other methods are paired with this one; empty if unknown, or nothing is."""
+        return self.hidden or ", ".join(self.messages)
+
+    @property
     def hides_image(self) -> bool:
         """Whether the message is an image hidden in one view."""
         return bool(self.hiding_views)
@@ -148,7 +153,9 @@ def read_study(
 
     scored = _distinct(run for item in scores for run in _runs_of(item, columns, usual_of(item)))
     timed = _distinct(run for item in timings for run in _runs_of(item, columns, usual_of(item)))
-    names = _telling(timed) | _telling(scored)  # timings name no message, so fewer values distinguish them
+    names = _telling(timed, columns) | _telling(
+        scored, columns
+    )  # timings name no message, so fewer values distinguish them
     tried = [experiment for item in experiments for experiment in _experiments_of(item, columns, usual_of(item))]
     return Study(
         tuple(_with_settings(run, names[run.method]) for run in scored),
@@ -293,9 +300,14 @@ def _known(columns: Columns) -> set[str]:
     return {columns.capture, columns.method, columns.seed, *SETTINGS}
 
 
-def _telling(runs: Sequence[Run]) -> dict[str, set[str]]:
+def _telling(runs: Sequence[Run], columns: Columns) -> dict[str, set[str]]:
     """By method, the names of the values in which runs differ that are alike in everything else."""
-    return telling((run.method, (run.capture, run.kind, run.seed), possible_settings(_stated_by(run))) for run in runs)
+    return telling((run.method, (run.capture, run.kind, run.seed), _possible(_stated_by(run), columns)) for run in runs)
+
+
+def _possible(stated: Mapping[str, object], columns: Columns) -> dict[str, float | str]:
+    """`possible_settings` without the message: a folder may be called 20240502."""
+    return possible_settings({name: value for name, value in stated.items() if name != columns.message})
 
 
 def _stated_by(run: Run) -> dict[str, str]:
@@ -313,7 +325,7 @@ def _told_apart(experiments: Sequence[Experiment], columns: Columns) -> tuple[Ex
 
     Experiments of different stages are different measurements of one container.
     """
-    stated = [possible_settings(others(each.values, _known(columns))) for each in experiments]
+    stated = [_possible(others(each.values, _known(columns)), columns) for each in experiments]
     names = telling(
         (each.method, (each.stage, each.capture, each.settings, each.seed), own)
         for each, own in zip(experiments, stated, strict=True)

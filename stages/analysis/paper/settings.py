@@ -88,4 +88,11 @@ def _title_of_setting(name: str) -> str:
 
 
 def _written(value: float | str) -> str:
-    return f"{value:,g}" if isinstance(value, float) else str(value)
+    """A value as titles show it.
+
+    >>> _written(0.1), _written(10_000_000.0), _written("fast")
+    ('0.1', '10,000,000', 'fast')
+    """
+    if not isinstance(value, float):
+        return value
+    return f"{value:,.0f}" if value.is_integer() else f"{value:,g}"

@@ -96,6 +96,25 @@ def test_differences_and_ratios_are_of_captures_that_both_have() -> None:
     assert {name: spread.mean for name, spread in one.over(two).by_capture.items()} == {"fox": 1.5}
 
 
+def hiding(name: str, psnr: float, method: str) -> Run:
+    """A run that hides the scene `name`."""
+    return replace(run(psnr, method=method, other=(f"message={name}",)), hidden=name)
+
+
+def test_what_one_row_lacks_the_others_do_not_have_over_it() -> None:
+    """GS-Hider is 1.5 dB above, with each message and so with the only one of which both rows were made."""
+    hider = measure([hiding("kitchen", 18.0, "gs_hider"), hiding("bonsai", 26.0, "gs_hider")], PSNR)
+    one = measure([hiding("bonsai", 24.5, "sh")], PSNR)
+    both = measure([hiding("kitchen", 16.5, "sh"), hiding("bonsai", 24.5, "sh")], PSNR)
+    assert hider.minus(both).on("fox") == hider.minus(one).on("fox") == 1.5
+    assert one.minus(hider).on("fox") == -1.5
+    assert hider.minus(one).by_capture["fox"].worth == 0.5, "one run beside one"
+    assert hider.minus(both).by_capture["fox"].worth == 1.0
+    nothing = measure([run(20.0, method="plain")], PSNR)
+    assert hider.minus(nothing).on("fox") == 2.0, "plain 3DGS is beside all"
+    assert not one.minus(measure([hiding("kitchen", 16.5, "gs_hider")], PSNR)).by_capture
+
+
 def test_legal_views_of_each_message_apart() -> None:
     rows = [
         MetricRow("psnr", value, "dB", view, "test", name)

@@ -270,6 +270,71 @@ def test_the_reference_without_a_message_has_the_usual_settings(tmp_path: Path) 
     assert chapter.relations[0].measured.average.mean == pytest.approx(-1.25)
 
 
+def test_without_the_usual_run_a_larger_one_does_not_stand_for_it(tmp_path: Path) -> None:
+    larger = {"feature_dim": 32, "decoder_width": 96}
+    items = [
+        item(tmp_path, "plain", scene_rows("fox", "plain"), capture="fox", method="plain"),
+        item(tmp_path, "larger", scene_rows("fox", "gs_hider", cover=1), capture="fox", method="gs_hider", **larger),
+    ]
+    beside_plain, beside_usual = no_message(read(items), read_published()).relations
+    assert not beside_plain.measured.by_capture
+    assert not beside_usual.measured.by_capture
+
+
+def test_another_weight_makes_nothing_larger(tmp_path: Path) -> None:
+    """Rows without a message may all state the λ that they do not use."""
+    items = [
+        item(
+            tmp_path,
+            f"{size}",
+            scene_rows("fox", "gs_hider", cover=size / 100),
+            capture="fox",
+            method="gs_hider",
+            feature_dim=size,
+            lambda_message=1.0,
+        )
+        for size in (16, 32)
+    ]
+    _, closer = no_message(read(items), read_published()).relations
+    assert closer.measured.on("fox") == pytest.approx(0.16)
+
+
+def test_of_several_settings_none_is_the_methods_figure(tmp_path: Path) -> None:
+    """The lines of the table have each of them; their mean would be a figure of neither."""
+    items = [
+        item(
+            tmp_path,
+            f"{weight}",
+            scene_rows("fox", "gs_hider", cover=-weight, messages=("reef",)),
+            capture="fox",
+            method="gs_hider",
+            lambda_message=weight,
+        )
+        for weight in (0.25, 1.0)
+    ]
+    chapter = fidelity(read(items), read_published())
+    assert not any(relation.measured.by_capture for relation in chapter.relations)
+    assert {line.names[0] for line in chapter.grids[0].lines} >= {"GS-Hider, λ = 0.25", "GS-Hider, λ = 1"}
+
+
+def test_a_message_whose_folder_is_a_number_is_no_setting(tmp_path: Path) -> None:
+    items = [
+        item(
+            tmp_path,
+            f"{method} {message}",
+            scene_rows("fox", method, message=psnr, messages=("reef",)),
+            capture="fox",
+            method=method,
+            message=message,
+        )
+        for method in ("sh", "gs_hider")
+        for message, psnr in (("20240502", 0.0), ("20240503", 4.0))
+    ]
+    study = read(items)
+    assert {run.settings for run in study.runs} == {()}
+    assert {run.hides for run in study.select(lambda run: run.method == "sh")} == {"20240502", "20240503"}
+
+
 def test_experiments_go_together_where_they_differ_in_capture_and_seed_alone() -> None:
     def made(capture: str, method: str, weight: float | None = None) -> Experiment:
         settings = () if weight is None else (("lambda_message", weight),)
