@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import cache, partial
 
@@ -49,9 +50,9 @@ def find_grain(context: Context, parameters: FindGrainParameters) -> None:
 
     Each picture gets two rows and a line in the log: its standard score, and whether that reaches `CERTAIN`. The score
     of a picture without the grain is chance: one in 1.6 million reaches `CERTAIN`, and one in 815,000 of pictures
-    smaller than the scene's, which get two tests (`GrainReader.score`). A score of exactly 0 means that the picture is
-    no evidence: it has no colour, or shows nothing of the scene that could be recognised. An unreadable picture gets
-    one row, which says so.
+    that are smaller than the scene's once frames are cut off, which get two tests (`GrainReader.score`). A picture that
+    is no evidence has a score of 0 and a NaN for whether it has the grain: it has no colour, or shows nothing of the
+    scene that could be recognised. An unreadable picture gets one row, which says so.
 
     Scores are cached as they are found, so that a run over thousands of pictures loses none of them if it is killed.
     Copies of a picture share one score.
@@ -78,7 +79,7 @@ def find_grain(context: Context, parameters: FindGrainParameters) -> None:
         [row] = kept(context.scratch, name_on(drawn_by, path.read_bytes()), partial(_scored, reader, picture))
         score = row.value
         context.log(f"{name}: {_told(picture, score)}")
-        for quantity, value in ((SCORE, score), (FOUND, float(score >= CERTAIN))):
+        for quantity, value in ((SCORE, score), (FOUND, float(score >= CERTAIN) if score else math.nan)):
             rows.append(Measurement(quantity, value, "picture", view=name, method=parameters.method))
     for name in unreadable_names(capture):
         context.log(f"{name}: inconclusive: the file cannot be read")

@@ -80,13 +80,14 @@ UNKNOWN = Area(math.nan, math.nan, math.nan)
 def roc_curve(scenes: Sequence[DetectorScores]) -> tuple[tuple[float, float], ...]:
     """(False positive rate, true positive rate) for every threshold in descending order, from (0, 0) to (1, 1).
 
-    Scenes without usable scores are left out; if none is left, the curve is empty.
+    Scores on the same scene, such as of several seeds, share its weight. Scenes without usable scores are left out; if
+    none is left, the curve is empty.
     """
-    usable = [scene for scene in scenes if scene.usable]
+    usable = _by_scene([scene for scene in scenes if scene.usable])
     if not usable:
         return ()
-    values = np.concatenate([_both(scene) for scene in usable])
-    rises = np.concatenate([_steps(scene) for scene in usable]) / len(usable)
+    values = np.concatenate([_both(scores) for own in usable for scores in own])
+    rises = np.concatenate([_steps(scores) / len(own) for own in usable for scores in own]) / len(usable)
     order = np.argsort(-values, kind="stable")
     values, rises = values[order], rises[order]
     ends = np.append(values[1:] != values[:-1], True)  # equal values cross the threshold together

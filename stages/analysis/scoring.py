@@ -116,7 +116,7 @@ def score(
     scores = Scores(name)
     tests = set(scene.test_names)
     hiding = {image.view} if image is not None else set()
-    shown = views_for_the_public(scene, shown_train_views) | hiding
+    shown = {*scene.test_names, *scene.train_names[:shown_train_views]} | hiding
     for row, rendering in enumerate(container.photographs(scene.cameras)):
         view = scene.cameras.names[row]
         split = "test" if view in tests else "train"
@@ -134,8 +134,11 @@ def score(
 
 
 def views_for_the_public(scene: Scene, shown_train_views: int) -> set[str]:
-    """The views of which the public sees pictures; adding the one that hides an image would reveal it."""
-    return set(scene.test_names) | set(scene.train_names[:shown_train_views])
+    """The views of which the public sees pictures: test views, and training views only if there are none of those.
+
+    A training view that hides an image could stand out by how it differs from its photo.
+    """
+    return set(scene.test_names or scene.train_names[:shown_train_views])
 
 
 def _score_cover(

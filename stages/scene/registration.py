@@ -37,6 +37,9 @@ its partner's. So it also takes `NEARLY_ALL` at the position of a published one,
 ROUNDS = 20
 """Iterations of iterated closest points (ICP) at most; from a good start a few are enough."""
 
+UNCHANGED_BUT_FOR = ({}, {"any_scale": True}, {"any_opacity": True})
+"""What may have changed, beside the places, where motions are sought by shapes."""
+
 BY_CHANCE = 50.0
 """Divided by the number of pairs, the fraction by which mean squared distances may fall when a similarity is fitted
 although nothing moved, or was only rotated and translated. Its seven parameters account for 7/3 on average."""
@@ -69,10 +72,11 @@ def register(found: Gaussians, published: Gaussians, seed: int) -> Registration 
     """The rotation, translation and uniform scale that carry published Gaussians to where they were found, and pairs.
 
     If the found ones lie at published positions, there is hardly any motion. Otherwise Gaussians are paired by what no
-    motion changes, sizes and opacities. Of the motions fitted to three pairs each, the one that most pairs agree on is
-    taken and refined by closest points (ICP). If single Gaussians were shifted too far for positions to tell, the pairs
-    are those by shape that agree; they are certain if enough have exactly the shape of a published one. Simple motions
-    are preferred, first none, then one without scale, unless another fits better than chance explains.
+    motion changes, sizes and opacities, or by sizes alone if all were made more or less transparent. Of the motions
+    fitted to three pairs each, the one that most pairs agree on is taken and refined by closest points (ICP). If single
+    Gaussians were shifted too far for positions to tell, the pairs are those by shape that agree; they are certain if
+    enough have exactly the shape of a published one. Simple motions are preferred, first none, then one without scale,
+    unless another fits better than chance explains.
 
     None if no motion is agreed on, which takes at least ten pairs, or if either has no Gaussians. `seed` selects the
     Gaussians and triples that are tried. All values must be finite.
@@ -83,8 +87,8 @@ def register(found: Gaussians, published: Gaussians, seed: int) -> Registration 
     unmoved = places.partners(found, Similarity.identity())
     if unmoved.by_place:
         return _by_closest_points(found, places, unmoved)
-    for any_scale in (False, True):
-        by_shape = _by_shape(found, published, any_scale, seed)
+    for changed in UNCHANGED_BUT_FOR:
+        by_shape = _by_shape(found, published, seed, **changed)
         if by_shape is not None:
             by_place = places.partners(found, by_shape.motion)
             if by_place.by_place:
@@ -106,7 +110,7 @@ def register_scattered(found: Gaussians, published: Gaussians, seed: int) -> Reg
     """
     if not len(found) or not len(published):
         return None
-    rows, partners, alike = pairs_by_shape(found, published, any_scale=False, seed=seed)
+    rows, partners, alike = pairs_by_shape(found, published, seed)
     if not _are_enough(found, published, alike):
         return None
     rows, partners = rows[alike], partners[alike]
@@ -119,7 +123,7 @@ class _Places:
     """Published Gaussians, and the distance within which a found one is taken for one of them."""
 
     def __init__(self, published: Gaussians):
-        self.points, self.shapes = _means(published), shapes_of(published, any_scale=False)
+        self.points, self.shapes = _means(published), shapes_of(published)
         self.tree = cKDTree(self.points)
         distances, _ = self.tree.query(self.points, k=2)
         self.near = NEAR * float(np.median(distances[:, 1])) if len(self.points) > 1 else 0.0
@@ -144,7 +148,7 @@ class _Places:
         self, found: Gaussians, matched: Int[np.ndarray, " P"], partners: Int[np.ndarray, " P"], scale: float
     ) -> bool:
         """Whether `SHAPED` of the published Gaussians that have partners have one of their own shape."""
-        shapes = shapes_of(found, any_scale=False)[matched]
+        shapes = shapes_of(found)[matched]
         shapes[:, :-1] -= np.log(scale)
         alike = np.linalg.norm((shapes - self.shapes[partners]) / self.spread, axis=1) <= self.alike
         return len(np.unique(partners[alike])) >= SHAPED * len(np.unique(partners))
@@ -160,22 +164,25 @@ def _by_closest_points(found: Gaussians, places: _Places, start: Registration) -
     return current
 
 
-def _by_shape(found: Gaussians, published: Gaussians, any_scale: bool, seed: int) -> Registration | None:
-    rows, partners, alike = pairs_by_shape(found, published, any_scale, seed)
+def _by_shape(
+    found: Gaussians, published: Gaussians, seed: int, any_scale: bool = False, any_opacity: bool = False
+) -> Registration | None:
+    rows, partners, alike = pairs_by_shape(found, published, seed, any_scale, any_opacity)
     source, target = _means(published)[partners], _means(found)[rows]
     pairs = agreeing(source, target, seed)
     if pairs is None:
         return None
     motion = _simplest(source[pairs], target[pairs], Similarity.identity())
     matched, found_again = _known_by_shape(found, published, alike & pairs)
-    is_certain = _are_enough(found, published, alike & pairs if any_scale else alike)
+    is_certain = _are_enough(found, published, alike & pairs if any_scale or any_opacity else alike)
     return Registration(motion, rows[pairs], partners[pairs], matched, found_again, is_certain, by_place=False)
 
 
 def _known_by_shape(found: Gaussians, published: Gaussians, alike: Bool[np.ndarray, " P"]) -> tuple[float, float]:
     """`matched` and `found_again`, from which pairs of a sample have exactly the same shape."""
-    matched = float(np.count_nonzero(alike)) / min(len(found), SAMPLED)
-    return matched, min(1.0, matched * len(found) / len(published))
+    fewer = min(len(found), len(published))
+    known = fewer * float(np.count_nonzero(alike)) / min(fewer, SAMPLED)
+    return known / len(found), known / len(published)
 
 
 def _are_enough(found: Gaussians, published: Gaussians, alike: Bool[np.ndarray, " P"]) -> bool:

@@ -14,10 +14,11 @@ from stages.scene.similarity import Similarity, fit_similarity
 
 ALIKE = 0.1
 """Fraction of the typical distance between neighbouring published values of a kind: values this close are alike. By
-chance one in a thousand values of three numbers is, and one in ten thousand of four."""
+chance one in a thousand values of three numbers is, and one in ten thousand of four. If more were found than published,
+the distance shrinks to keep that chance the same."""
 
 SAMPLED = 6000
-"""Found Gaussians, at most, for which partners are sought."""
+"""Gaussians, at most, for which partners are sought."""
 
 TRIPLES = 20_000
 """Drawn from the pairs; if one pair in ten is right, twenty triples are."""
@@ -47,31 +48,37 @@ ROUNDING = 1e-4
 
 
 def pairs_by_shape(
-    found: Gaussians, published: Gaussians, any_scale: bool, seed: int
+    found: Gaussians, published: Gaussians, seed: int, any_scale: bool = False, any_opacity: bool = False
 ) -> tuple[Int[np.ndarray, " P"], Int[np.ndarray, " P"], Bool[np.ndarray, " P"]]:
     """Rows of found and published Gaussians that are mutual nearest neighbours in shape, and which are `ALIKE`.
 
-    Shapes are those of `shapes_of`. Many pairs may be wrong. At most `SAMPLED` found Gaussians are used, drawn by
-    `seed`. Neither may be empty.
+    Shapes are those of `shapes_of`. Many pairs may be wrong. Of the found or the published Gaussians, whichever are
+    fewer, at most `SAMPLED` are used, drawn by `seed`: a few of a crowd would hardly be in a sample of it. Neither may
+    be empty.
     """
-    shapes, known = shapes_of(found, any_scale), shapes_of(published, any_scale)
+    shapes, known = (shapes_of(each, any_scale, any_opacity) for each in (found, published))
     spread = known.std(axis=0)
     spread[spread == 0] = 1.0
     shapes, known = shapes / spread, known / spread
-    chosen = np.random.default_rng(seed).permutation(len(shapes))[:SAMPLED]
-    apart, partners = cKDTree(known).query(shapes[chosen])
-    _, back = cKDTree(shapes).query(known[partners])
-    mutual, alike = back == chosen, apart <= ALIKE * typical_distance(known)
-    return chosen[mutual], partners[mutual], alike[mutual]
+    near = ALIKE * typical_distance(known) * min(1.0, len(known) / len(shapes)) ** (1 / known.shape[1])
+    fewer, more = (shapes, known) if len(shapes) <= len(known) else (known, shapes)
+    chosen = np.random.default_rng(seed).permutation(len(fewer))[:SAMPLED]
+    apart, partners = cKDTree(more).query(fewer[chosen])
+    _, back = cKDTree(fewer).query(more[partners])
+    mutual, alike = back == chosen, apart <= near
+    rows = (chosen, partners) if fewer is shapes else (partners, chosen)
+    return rows[0][mutual], rows[1][mutual], alike[mutual]
 
 
-def shapes_of(gaussians: Gaussians, any_scale: bool) -> Float[np.ndarray, "N D"]:
+def shapes_of(gaussians: Gaussians, any_scale: bool = False, any_opacity: bool = False) -> Float[np.ndarray, "N D"]:
     """Sizes, the three log scales as stored, sorted, or only their two differences if `any_scale`; and opacity logits.
 
-    No rotation or translation changes them.
+    No rotation or translation changes them. Without the last if `any_opacity`, for what was made more transparent.
     """
     log_scales = np.sort(gaussians["log_scales"].detach().double().numpy(), axis=1)
     sizes = np.diff(log_scales, axis=1) if any_scale else log_scales
+    if any_opacity:
+        return sizes
     return np.concatenate([sizes, gaussians["logit_opacities"].detach().double().numpy()[:, None]], axis=1)
 
 

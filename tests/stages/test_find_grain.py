@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -54,8 +55,10 @@ def test_pictures_with_the_grain_are_named(tmp_path: Path) -> None:
     made = run_stage(find_grain, FindGrainParameters(), asked, tmp_path / "found", services=Services(log=log.append))
     assert made["scores"].private
     rows = {(row.quantity, row.view): row.value for row in read_measurements(made["scores"])}
-    assert [name for name in files if rows[FOUND, name]] == ["copied.jpg", "enlarged.png"]
+    assert [name for name in files if rows[FOUND, name] == 1] == ["copied.jpg", "enlarged.png"]
     assert rows[SCORE, "grey.png"] == 0
+    assert math.isnan(rows[FOUND, "grey.png"]), "not a clean no"
+    assert rows[FOUND, "own.png"] == 0
     assert [line for line in log if "no colour" in line] == [next(line for line in log if "grey.png" in line)]
     assert abs(rows[SCORE, "other.png"]) < 5
     assert [key for key in rows if key[1] == "broken.jpg"] == [(UNREADABLE, "broken.jpg")]

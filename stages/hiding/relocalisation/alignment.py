@@ -22,6 +22,8 @@ BLURS = (3.0, 2.0, 1.2, 0.7, 0.5)
 repeated until convergence."""
 
 MOST_STEPS = 14
+MOST_ZOOMED = 3.0
+"""The largest change of a focal length, as a logarithm; steps that go further have lost the scene."""
 """In total; from a good start, the first seven are enough."""
 
 STILL = 0.05
@@ -47,7 +49,8 @@ def aligned(picture: Picture, gaussians: Gaussians, method: Method, start: Camer
     """The single camera of `start`, with pose, focal length and principal point refined to match the picture.
 
     Gauss-Newton steps on the luminance of blurred pictures, with free brightness and contrast. Pixels that differ much,
-    for reasons other than the camera, get small weights; those without depth, where little is drawn, get none.
+    for reasons other than the camera, get small weights; those without depth, where little is drawn, get none. Steps
+    that run away end the search: the camera from before them is returned.
     """
     target = _grey(picture)
     world_to_camera, intrinsics = start.world_to_camera[0].copy(), start.intrinsics[0].copy()
@@ -67,10 +70,22 @@ def aligned(picture: Picture, gaussians: Gaussians, method: Method, start: Camer
         world_to_camera = turned @ world_to_camera
         intrinsics[[0, 1], [0, 1]] *= np.exp(step[6])
         intrinsics[:2, 2] += step[7:9]
+        if _ran_away(world_to_camera, intrinsics, start):
+            return cameras
         moved_by = float(np.median(np.hypot(flow[0] @ step, flow[1] @ step)[drawn])) if drawn.any() else 0.0
         if blur == BLURS[-1] and moved_by < STILL:
             break
     return replace(start, world_to_camera=world_to_camera[None], intrinsics=intrinsics[None])
+
+
+def _ran_away(
+    world_to_camera: Float64[np.ndarray, "4 4"], intrinsics: Float64[np.ndarray, "3 3"], start: Cameras
+) -> bool:
+    """Whether a camera is none that could have taken the picture, or that can be rendered in float32."""
+    with np.errstate(over="ignore"):
+        single = [each.astype(np.float32) for each in (world_to_camera, intrinsics)]
+    finite = all(np.isfinite(each).all() for each in single)
+    return not finite or abs(np.log(intrinsics[0, 0] / start.intrinsics[0, 0, 0])) > MOST_ZOOMED
 
 
 def _grey(picture: Picture) -> Float64[np.ndarray, "H W"]:

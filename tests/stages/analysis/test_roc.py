@@ -76,6 +76,15 @@ def test_numbers_of_views_are_no_evidence() -> None:
     assert area_under(roc_curve(scenes)) == pytest.approx(0.5)
 
 
+def test_a_scene_that_was_trained_twice_counts_once() -> None:
+    fox, bonsai = (
+        DetectorScores(np.array(positives), np.array(negatives), scene=name)
+        for name, positives, negatives in (("fox", [0.8, 0.9], [0.1, 0.2]), ("bonsai", [0.1, 0.2], [0.8, 0.9]))
+    )
+    assert area_under(roc_curve([fox, fox, bonsai])) == pytest.approx(0.5)
+    assert bootstrap_area([fox, fox, bonsai], 0).value == pytest.approx(0.5)
+
+
 def test_a_detector_that_is_always_wrong_is_as_good_as_its_opposite() -> None:
     wrong = [scores([0.1, 0.2], [0.3, 0.4])]
     assert (bootstrap_area(wrong, 0).value, bootstrap_area(two_sided(wrong), 0).value) == (0, 1)

@@ -231,6 +231,25 @@ def test_it_takes_a_quarter_among_foreign_gaussians_to_be_certain(
     assert registration.is_certain == is_certain
 
 
+def test_a_moved_scene_may_have_been_made_more_transparent() -> None:
+    """As an editor's slider does; among so many shapes, those of other opacities are nearer than one's own."""
+    published, expected = scene(0, 30_000), motion(1)
+    opacities = torch.logit(0.5 * torch.sigmoid(published["logit_opacities"].double())).float()
+    faded = published.with_parameters({"logit_opacities": opacities})
+    assert check(register(moved(faded, expected), published, 0), expected, 1e-4).is_certain
+    assert register(moved(faded, expected), scene(5, 30_000), 0) is None
+
+
+def test_few_gaussians_in_a_crowd_are_known_and_not_taken_for_others() -> None:
+    published, crowd = scene(0, 300), scene(1, 200_000)
+    for seed in range(3):
+        for registered in (register, register_scattered):
+            assert registered(crowd, published, seed) is None, "any shape of a few is near one of so many"
+    own = moved(published, motion(2))
+    among = Gaussians({name: torch.cat([own[name], crowd[name]]) for name in own.parameters})
+    assert check(register(among, published, 0), motion(2), 1e-4).is_certain
+
+
 def test_many_foreign_gaussians_do_not_lie_where_published_ones_do_by_chance() -> None:
     """Of a thousand times as many foreign Gaussians, one or another lies nearly everywhere."""
     published = scene(0, 100)

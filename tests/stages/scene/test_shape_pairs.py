@@ -17,7 +17,7 @@ def test_pairs_are_the_same_gaussians_in_any_order(any_scale: bool) -> None:
     published = scene(0)
     order = torch.randperm(len(published), generator=torch.Generator().manual_seed(0))
     found = published.select(order)
-    rows, partners, alike = pairs_by_shape(moved(found, motion(1, 7.0 if any_scale else 1.0)), published, any_scale, 0)
+    rows, partners, alike = pairs_by_shape(moved(found, motion(1, 7.0 if any_scale else 1.0)), published, 0, any_scale)
     assert len(rows) > 0.99 * len(published)
     assert alike.all()
     np.testing.assert_array_equal(order.numpy()[rows], partners)
@@ -27,7 +27,7 @@ def test_sizes_as_they_are_stored_tell_more_than_proportions() -> None:
     published = scene(0)
     noise = 0.1 * torch.randn(len(published), 3, generator=torch.Generator().manual_seed(0))
     found = published.with_parameters({"log_scales": published["log_scales"] + noise})
-    pairs = [pairs_by_shape(found, published, any_scale, 0) for any_scale in (False, True)]
+    pairs = [pairs_by_shape(found, published, 0, any_scale) for any_scale in (False, True)]
     right = [np.count_nonzero(rows == partners) for rows, partners, _ in pairs]
     assert right[0] > 1.2 * right[1]
     assert all(np.mean(alike) < 0.1 for _, _, alike in pairs), "noise ten times as large as what is alike"
@@ -35,10 +35,10 @@ def test_sizes_as_they_are_stored_tell_more_than_proportions() -> None:
 
 def test_of_many_gaussians_some_are_looked_at() -> None:
     many = scene(0, SAMPLED + 500)
-    rows, _, _ = pairs_by_shape(many, many, False, 1)
+    rows, _, _ = pairs_by_shape(many, many, 1)
     assert len(rows) == len(set(rows)) == SAMPLED
-    again, _, _ = pairs_by_shape(many, many, False, 1)
-    others, _, _ = pairs_by_shape(many, many, False, 2)
+    again, _, _ = pairs_by_shape(many, many, 1)
+    others, _, _ = pairs_by_shape(many, many, 2)
     assert np.array_equal(rows, again)
     assert set(rows) != set(others)
 
