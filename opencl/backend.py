@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import os
 import threading
 from collections.abc import Iterator
@@ -16,6 +15,7 @@ from torch import Tensor
 
 from opencl.device import DEVICE_VARIABLE, Device, choose_device
 from opencl.memory import BufferMemory, Memory, SharedMemory
+from opencl.once import once
 from opencl.pool import WAY_OUT
 from opencl.program import ProgramKey, Schedule
 from opencl.staging import StagedMemory
@@ -156,7 +156,7 @@ class Backend:
         return kernel
 
 
-@functools.cache
+@once
 def _backend_for(setting: str) -> Backend:
     """The default backend while GS_HIDER_DEVICE is `setting`, the key of the cache."""
     return Backend(choose_device())

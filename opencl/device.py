@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import os
 import re
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ import pyopencl
 from filelock import FileLock
 
 from opencl.kernel_cache import reserve_kernel_cache
+from opencl.once import once
 from opencl.pocl_processor import misnamed_processor, name_processor
 from opencl.vendors import nvidia_named
 
@@ -71,7 +71,7 @@ class Device:
             )
 
 
-@functools.cache
+@once
 def _kernel_cache() -> FileLock | None:
     """The lock on this process's directory of compiled kernels, held until the process ends."""
     return reserve_kernel_cache()

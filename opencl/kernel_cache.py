@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import atexit
 import os
+import shutil
 import tempfile
 from collections.abc import Mapping, MutableMapping
 from pathlib import Path
@@ -21,8 +23,8 @@ def reserve_kernel_cache(environment: MutableMapping[str, str] = os.environ) -> 
     Call this before the first query for OpenCL platforms. Slots in the user's cache directory are taken in order, so
     that the next process finds the compiled kernels again. If `POCL_CACHE_DIR` is already set, it is left alone and
     None is returned, unless it was inherited from a parent process that had reserved it for itself. If no slot in the
-    user's cache is usable, a temporary directory is used, and `XDG_CACHE_HOME` names it from then on, because pyopencl
-    stores generated files there. Raises OSError if no directory can be used.
+    user's cache is usable, a temporary directory is used until this process ends, and `XDG_CACHE_HOME` names it from
+    then on, because pyopencl stores generated files there. Raises OSError if no directory can be used.
     """
     given = environment.get(_CACHE)
     if given and not _is_anothers(given, environment.get(_RESERVED, "")):
@@ -49,8 +51,14 @@ def _in_users_cache(environment: Mapping[str, str]) -> Path:
 
 def _for_this_process(environment: MutableMapping[str, str]) -> Path:
     folder = tempfile.mkdtemp(prefix="gs-hider-kernels-")
+    atexit.register(_remove_own, folder, os.getpid())
     environment[_USERS_CACHE] = folder
     return Path(folder)
+
+
+def _remove_own(folder: str, process: int) -> None:
+    if os.getpid() == process:  # a forked child owns nothing
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _reserve_slot(root: Path, environment: MutableMapping[str, str]) -> FileLock:

@@ -11,13 +11,14 @@ This module overwrites it, in this process only, with the closest processor that
 from __future__ import annotations
 
 import ctypes
-import functools
 import os
 import platform
 import struct
 from pathlib import Path
 
 import pyopencl
+
+from opencl.once import once
 
 _ZEN_3 = "znver3"
 _DEVICE_BYTES = 2048
@@ -50,7 +51,7 @@ def closest_known_processor(flags: set[str]) -> str:
     return "haswell" if flags >= _HASWELL else "x86-64"
 
 
-@functools.cache
+@once
 def name_processor(device: pyopencl.Device, misnamed: str) -> str | None:
     """Overwrite the name `misnamed` in PoCL's memory. Returns the new name, or None if that is not safe.
 

@@ -54,6 +54,7 @@ class KernelCache:
     """
 
     def __init__(self) -> None:
+        self._before = os.environ.get("POCL_CACHE_DIR")
         try:
             self._take_one_in(_kernel_cache_parent())
         except OSError:  # no room left for this user, or no file locks, as on NFS without its lock manager
@@ -74,9 +75,12 @@ class KernelCache:
                 break
 
     def release(self) -> None:
-        """Frees the folder, and points `POCL_CACHE_DIR` to the one above it."""
+        """Frees the folder, and leaves `POCL_CACHE_DIR` as it was: what it names is for this process alone."""
         self._lock.release()
-        os.environ["POCL_CACHE_DIR"] = str(self.folder.parent)
+        if self._before is None:
+            os.environ.pop("POCL_CACHE_DIR", None)
+        else:
+            os.environ["POCL_CACHE_DIR"] = self._before
 
 
 def _kernel_cache_parent() -> Path:

@@ -120,7 +120,7 @@ def test_where_no_home_can_be_written_all_is_drawn_nevertheless(tmp_path, home):
     command = [sys.executable, "-c", DRAW, home]
     drawn = subprocess.run(command, cwd=Path(__file__).parents[2], env=environment, capture_output=True, text=True)
     assert drawn.stdout == "True\n", drawn.stderr
-    assert list(tmp_path.glob("gs-hider-kernels-*"))
+    assert not list(tmp_path.glob("gs-hider-kernels-*")), "nobody would find it again"
 
 
 def test_an_unwritable_home_is_no_obstacle(tmp_path):
@@ -203,6 +203,24 @@ def test_threads_take_turns():
         thread.join()
     assert len(pictures) == 20
     assert all(torch.equal(picture, expected) for picture in pictures)
+
+
+def test_threads_that_come_first_at_the_same_time_share_one_backend():
+    """In a process of its own: what is done once has been done in this one."""
+    code = """
+import threading
+from opencl.backend import default_backend
+meeting, found = threading.Barrier(4), []
+def first():
+    meeting.wait()
+    found.append(default_backend())
+threads = [threading.Thread(target=first) for _ in range(4)]
+for thread in threads: thread.start()
+for thread in threads: thread.join()
+print(len(found), len(set(map(id, found))))
+"""
+    ran = subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parents[2], capture_output=True, text=True)
+    assert ran.stdout == "4 1\n", ran.stderr
 
 
 def test_a_forked_process_is_told_so():

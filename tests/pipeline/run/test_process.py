@@ -61,3 +61,19 @@ def test_a_home_without_room_or_locks_is_no_reason_to_fail(tmp_path: Path, monke
         assert os.environ["POCL_CACHE_DIR"] == str(cache.folder)
     finally:
         cache.release()
+
+
+@pytest.mark.parametrize("before", [None, "kernels"])
+def test_a_folder_that_was_given_back_is_named_no_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, before: str | None
+) -> None:
+    """Whoever compiles next in this process would share the folder above it with others."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.delenv("POCL_CACHE_DIR", raising=False)
+    wished = None if before is None else str(tmp_path / before)
+    if wished is not None:
+        monkeypatch.setenv("POCL_CACHE_DIR", wished)
+    cache = KernelCache()
+    assert os.environ["POCL_CACHE_DIR"] == str(cache.folder)
+    cache.release()
+    assert os.environ.get("POCL_CACHE_DIR") == wished
