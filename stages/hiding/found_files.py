@@ -24,6 +24,7 @@ from stages.hiding.method import LARGEST_SETTING
 from stages.hiding.renamed_features import renamed_features, unknown_columns
 from stages.scene.garbage import LARGEST, SMALLEST_QUATERNION
 from stages.scene.ply.reading import ROWS_AT_ONCE, Ply, begins_as_ply, read_ply, types_of
+from stages.scene.spherical_harmonics import SH_REST
 from stages.scene.splat_files.compressed_ply import is_compressed
 from stages.scene.splat_files.values import LARGEST_LOGIT
 
@@ -31,6 +32,8 @@ PLY_SUFFIX, RECORDS_SUFFIX = ".ply", ".splat"
 OPACITY = "opacity"
 LISTED = 5
 NUMBER = "[0-9]{1,6}"
+
+HARMONICS = layout_of(SH_REST).names.removesuffix("*")
 
 Shapes = Mapping[str, tuple[int, ...]]
 
@@ -65,6 +68,7 @@ def read_found(place: Path, published: Shapes) -> Found:
     channels = channels or renamed
     shapes = dict(published) | ({FEATURES: (max(len(channels), 1),)} if FEATURES in published else {})
     numbered = dict(zip(layout_of(FEATURES).columns(len(channels)), channels, strict=True))
+    numbered |= _renumbered_harmonics(rows.dtype.names or (), published)
     sources = {column: numbered.get(column, column) for column in _columns(shapes)}
     _check_columns(ply, list(sources.values()), unknown)
     table = _finite(rows, sources)
@@ -139,6 +143,19 @@ def _channels(names: Sequence[str]) -> list[str]:
     return [numbered[number] for number in sorted(numbered)[:LARGEST_SETTING]]
 
 
+def _renumbered_harmonics(names: Sequence[str], published: Shapes) -> dict[str, str]:
+    """The columns of the published harmonics in a file that has more of them; empty if it has as many or fewer.
+
+    All of red are stored before green, so their numbers depend on the degree, which programs raise to 3.
+    """
+    columns = layout_of(SH_REST).columns(sum(re.fullmatch(rf"{HARMONICS}\d+", name) is not None for name in names))
+    wanted, there = published.get(SH_REST, (0, 3))[0], len(columns) // 3
+    if there <= wanted or not set(columns) <= set(names):
+        return {}
+    own = layout_of(SH_REST).columns(3 * wanted)
+    return {own[color * wanted + row]: columns[color * there + row] for color in range(3) for row in range(wanted)}
+
+
 def _check_columns(ply: Ply, columns: Sequence[str], unknown: Sequence[str]) -> None:
     names = ply.rows(VERTEX).dtype.names or ()
     missing = [name for name in columns if name not in names]
@@ -153,6 +170,10 @@ def _check_columns(ply: Ply, columns: Sequence[str], unknown: Sequence[str]) -> 
 
 
 def _how_to_have_columns(missing: Sequence[str], unknown: Sequence[str]) -> str:
+    if all(name.startswith(HARMONICS) for name in missing):
+        return (
+            "The program that saved it dropped harmonics, the colours that depend on the view: find a whole file."
+        )
     if not unknown:
         return (
             "Check that it is the file that was found. Splats without what a container's Gaussians carry hide no "

@@ -56,6 +56,20 @@ def test_any_format_order_and_type_of_columns_will_do(tmp_path: Path, saved: dic
         np.testing.assert_array_equal(found.attributes[name], values)
 
 
+def test_harmonics_may_have_been_padded_to_a_higher_degree(tmp_path: Path) -> None:
+    """Programs that write degree 3 always; all of red is stored before green, which is then numbered anew."""
+    padded = attributes(OF_3DGS)
+    padded["sh_rest"] = np.concatenate([padded["sh_rest"], np.zeros((COUNT, 12, 3), np.float32)], axis=1)
+    found = read_found(write_ply(tmp_path / "padded.ply", columns_of(padded)), OF_3DGS)
+    np.testing.assert_array_equal(found.attributes["sh_rest"], attributes(OF_3DGS)["sh_rest"])
+
+
+def test_harmonics_that_were_dropped_are_told(tmp_path: Path) -> None:
+    left = {name: values for name, values in table(OF_3DGS).items() if not name.startswith("f_rest")}
+    with pytest.raises(UserError, match="dropped harmonics"):
+        read_found(write_ply(tmp_path / "dropped.ply", left), OF_3DGS)
+
+
 def test_features_may_be_more_or_fewer_and_need_not_be_numbered_anew(tmp_path: Path) -> None:
     columns = table()
     more = columns | {"feature_9": columns["x"], "feature_10": columns["y"], "feature_0005": columns["z"]}
