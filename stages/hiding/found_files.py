@@ -171,9 +171,7 @@ def _check_columns(ply: Ply, columns: Sequence[str], unknown: Sequence[str]) -> 
 
 def _how_to_have_columns(missing: Sequence[str], unknown: Sequence[str]) -> str:
     if all(name.startswith(HARMONICS) for name in missing):
-        return (
-            "The program that saved it dropped harmonics, the colours that depend on the view: find a whole file."
-        )
+        return "The program that saved it dropped harmonics, the colours that depend on the view: find a whole file."
     if not unknown:
         return (
             "Check that it is the file that was found. Splats without what a container's Gaussians carry hide no "

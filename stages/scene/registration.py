@@ -37,8 +37,8 @@ its partner's. So it also takes `NEARLY_ALL` at the position of a published one,
 ROUNDS = 20
 """Iterations of iterated closest points (ICP) at most; from a good start a few are enough."""
 
-UNCHANGED_BUT_FOR = ({}, {"any_scale": True}, {"any_opacity": True})
-"""What may have changed, beside the places, where motions are sought by shapes."""
+CHANGED: tuple[dict[str, bool], ...] = ({}, {"any_scale": True}, {"any_opacity": True})
+"""What may have changed of all Gaussians beside their places: the attempts to find a motion by shapes, in order."""
 
 BY_CHANCE = 50.0
 """Divided by the number of pairs, the fraction by which mean squared distances may fall when a similarity is fitted
@@ -87,7 +87,7 @@ def register(found: Gaussians, published: Gaussians, seed: int) -> Registration 
     unmoved = places.partners(found, Similarity.identity())
     if unmoved.by_place:
         return _by_closest_points(found, places, unmoved)
-    for changed in UNCHANGED_BUT_FOR:
+    for changed in CHANGED:
         by_shape = _by_shape(found, published, seed, **changed)
         if by_shape is not None:
             by_place = places.partners(found, by_shape.motion)

@@ -335,5 +335,5 @@ def test_a_page_says_what_differs_from_the_paper_and_between_methods(tmp_path: P
     papers = [item for item in items if item.values["capture"] != "fox" and item.values["method"] != "homogeneous"]
     said = markdown(compared(tmp_path / "papers", papers, tables=("fidelity",)))
     assert "λ of" not in said
-    assert "The captures are the paper's." in said
+    assert "The captures are called as the paper's." in said
     assert "where messages lie are the workflow's" in said

@@ -145,10 +145,10 @@ def write_page(page: TablesPage) -> str:
 
 
 def _what_differs(study: Study, tables: Published) -> str:
-    if study.captures and all(capture in tables.captures for capture in study.captures):
+    if study.captures and all(map(tables.has, study.captures)):
         return (
-            "The captures are the paper's. Picture sizes, iterations and where messages lie are the workflow's: before "
-            "comparing absolute figures, see that these are the paper's, too."
+            "The captures are called as the paper's. Picture sizes, iterations and where messages lie are the "
+            "workflow's: before comparing absolute figures, see that these are the paper's, too."
         )
     return (
         "Captures, picture sizes, iterations and where messages lie differ: compare differences between methods, not "

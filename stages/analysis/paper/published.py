@@ -83,8 +83,11 @@ class Published(_Model):
 
     def figure(self, row: Row | None, capture: str) -> float:
         """A row's figure for a capture; NaN without a row, or if the paper does not have the capture."""
-        name = _named(capture)
-        return row[self.captures.index(name)] if row is not None and name in self.captures else math.nan
+        return row[self.captures.index(_named(capture))] if row is not None and self.has(capture) else math.nan
+
+    def has(self, capture: str) -> bool:
+        """Whether one of the paper's captures is called like this."""
+        return _named(capture) in self.captures
 
     def other_message(self, capture: str, messages: Iterable[str]) -> str | None:
         """What the paper hides in a capture if that is none of these messages; None if it is, or without the capture.

@@ -66,8 +66,9 @@ def _losses(found: Watermarked, key: Key, paper: Mapping[str, Figures] | None) -
             ("message", message.minus(image), MOST_LOST_ON_THE_MESSAGE),
         ):
             if lost.by_capture:
-                is_published = paper is not None and condition == COVER_BEFORE
-                published = paper["with"][picture] - paper["without"][picture] if is_published else math.nan
+                published = math.nan
+                if paper is not None and condition == COVER_BEFORE:
+                    published = paper["with"][picture] - paper["without"][picture]
                 text = f"{title_of_key(key)}: {picture}, vs. {to}"
                 yield Relation(text, "difference", "at least", -most, lost, published)
 

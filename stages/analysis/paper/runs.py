@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -157,12 +157,13 @@ def read_study(
         scored, columns
     )  # timings name no message, so fewer values distinguish them
     tried = [experiment for item in experiments for experiment in _experiments_of(item, columns, usual_of(item))]
+    titles = shortest_titles({run.capture for run in (*scored, *timed)} | {each.capture for each in tried})
     return Study(
-        tuple(_with_settings(run, names[run.method]) for run in scored),
-        tuple(_with_settings(run, names[run.method]) for run in timed),
+        tuple(replace(_with_settings(run, names[run.method]), capture=titles[run.capture]) for run in scored),
+        tuple(replace(_with_settings(run, names[run.method]), capture=titles[run.capture]) for run in timed),
         tuple((item.label, item.cause or "not made") for item in items if item.artifact is None),
         iterations,
-        _told_apart(tried, columns),
+        tuple(replace(each, capture=titles[each.capture]) for each in _told_apart(tried, columns)),
         tuple(dict.fromkeys((item.stage, item.artifact.digest) for item in items if item.artifact is not None)),
     )
 
@@ -218,9 +219,25 @@ def method_title(run: Run) -> str:
     return settings_title(run.method, run.settings)
 
 
+def shortest_titles(captures: Collection[str]) -> dict[str, str]:
+    """For each capture, which may be a path, as many of its last components as no other one ends in.
+
+    >>> shortest_titles(["photos/fox", "monday/garden", "tuesday/garden", ""])
+    {'photos/fox': 'fox', 'monday/garden': 'monday/garden', 'tuesday/garden': 'tuesday/garden', '': ''}
+    """
+    paths = {capture: Path(capture).parts for capture in captures}
+    titles = {}
+    for capture, own in paths.items():
+        others = [parts for other, parts in paths.items() if other != capture]
+        lengths = range(1, len(own) + 1)
+        length = next((size for size in lengths if all(each[-size:] != own[-size:] for each in others)), len(own))
+        titles[capture] = Path(*own[-length:]).as_posix() if own else capture
+    return titles
+
+
 def capture_title(capture: str) -> str:
-    """The last component of a capture's name, which may be a path; "Capture" without a name."""
-    return Path(capture).name or "Capture"
+    """A capture's name in tables; "Capture" if it has none."""
+    return capture or "Capture"
 
 
 def _runs_of(item: Item, columns: Columns, usual: Mapping[str, float]) -> list[Run]:

@@ -114,3 +114,8 @@ def test_hidden_scenes_are_those_of_the_paper() -> None:
     [hidden] = re.findall(r"Hidden Scene & (.*)\\\\ \\bottomrule", text)
     names = [[name.strip().casefold() for name in row.split("&")] for row in (covers, hidden)]
     assert dict(zip(*names, strict=True)) == dict(read_published().messages)
+
+
+def test_a_capture_is_the_papers_by_its_folders_name() -> None:
+    assert read_published().has("360_v2/Garden")
+    assert not read_published().has("garden/fox")

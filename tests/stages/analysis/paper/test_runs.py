@@ -182,6 +182,14 @@ def test_without_a_foreach_there_is_one_capture(tmp_path: Path) -> None:
     assert (run.capture, run.method, run.seed) == ("", "plain", "")
 
 
+def test_captures_in_folders_of_one_name_are_told_apart(tmp_path: Path) -> None:
+    items = [
+        item(tmp_path, name.replace("/", " "), scene_rows("fox", "gs_hider"), capture=name, method="gs_hider")
+        for name in ("monday/garden", "tuesday/garden", "photos/fox")
+    ]
+    assert read(items).captures == ("monday/garden", "tuesday/garden", "fox")
+
+
 def test_some_items_without_a_capture_are_refused(tmp_path: Path) -> None:
     rows = scene_rows("fox", "plain")
     items = [item(tmp_path, "a", rows, capture="fox"), item(tmp_path, "b", rows, scene="fox")]
