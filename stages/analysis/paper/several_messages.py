@@ -40,11 +40,16 @@ NOTE = (
 
 
 def several_messages(study: Study, tables: Published) -> Chapter:
-    """The chapter of captures that hide one message and more; for each method, the fewest messages first."""
+    """The chapter of captures that hide one message and more; for each method, the fewest messages first.
+
+    Of several messages, runs of every setting are shown: more channels may serve them better.
+    """
     hiding = study.select(lambda run: bool(run.messages) and not run.hides_image)
     many = {run.capture for run in hiding if len(run.messages) > 1}
     plain = study.select(lambda run: run.method == PLAIN)
-    runs = usual(run for run in (*hiding, *plain) if run.capture in many)
+    every = [run for run in (*hiding, *plain) if run.capture in many]
+    as_usual = {id(run) for run in usual(every)}
+    runs = tuple(run for run in every if len(run.messages) > 1 or id(run) in as_usual)
     kinds = [
         (method, _title(title, alike), alike)
         for method, title, group in blocks(runs)

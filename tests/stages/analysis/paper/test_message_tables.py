@@ -12,7 +12,7 @@ from stages.analysis.paper.chapter import Chapter
 from stages.analysis.paper.message_tables import Shown, messages_grid
 from stages.analysis.paper.no_message import no_message
 from stages.analysis.paper.published import read_published
-from stages.analysis.paper.runs import Run, Study
+from stages.analysis.paper.runs import Run, Settings, Study
 from stages.analysis.paper.several_messages import several_messages
 from stages.analysis.paper.single_image import single_image
 from stages.imaging.metric_table import MetricRow
@@ -78,6 +78,16 @@ def test_fewer_messages_come_first() -> None:
     listed = table(several_messages(Study(tuple(runs)), read_published()), "Several messages, test views: SSIM")
     titles = dict.fromkeys(title for title, _, _ in listed)
     assert list(titles) == ["GS-Hider, 1 message", "GS-Hider, 2 messages", "GS-Hider, 3 messages"]
+
+
+def test_several_messages_with_more_channels_stand_beside_the_usual_ones() -> None:
+    names = ["reef", "library"]
+    usual = [run("gs_hider", scene_rows("fox", "gs_hider", messages=names[:count])) for count in (1, 2)]
+    more: Settings = (("feature_dim", 24.0),)
+    larger = [replace(each, settings=more) for each in usual]
+    listed = table(several_messages(Study((*larger, *usual)), read_published()), "Several messages, test views: SSIM")
+    titles = dict.fromkeys(title for title, _, _ in listed)
+    assert {*titles} == {"GS-Hider, 1 message", "GS-Hider, 2 messages", "GS-Hider, M = 24, 2 messages"}
 
 
 def test_a_method_with_one_message_stands_beside_those_with_several() -> None:
