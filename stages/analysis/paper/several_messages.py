@@ -49,7 +49,8 @@ def several_messages(study: Study, tables: Published) -> Chapter:
     plain = study.select(lambda run: run.method == PLAIN)
     every = [run for run in (*hiding, *plain) if run.capture in many]
     as_usual = {id(run) for run in usual(every)}
-    runs = tuple(run for run in every if len(run.messages) > 1 or id(run) in as_usual)
+    shown = [run for run in every if len(run.messages) > 1 or id(run) in as_usual]
+    runs = tuple(sorted(shown, key=lambda run: bool(run.settings)))
     kinds = [
         (method, _title(title, alike), alike)
         for method, title, group in blocks(runs)
