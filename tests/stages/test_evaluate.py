@@ -77,4 +77,6 @@ def test_of_a_hidden_image_plain_3dgs_knows_nothing(tmp_path: Path) -> None:
     assert {row.message for row in public} == {None}
     assert {row.view for row in public if row.split == "train"} == {None}, "the view that hides it could stand out"
     assert {row.view for row in public if row.split == "test"} == {small.NAMES[0]}
+    shown = {name for each in read_comparisons(scored["public_pictures"]) for name in each.names}
+    assert shown == {small.NAMES[0]}, "also by its picture"
     assert "total_bytes" not in {row.quantity for row in public}, "it would tell that there is a secret"
