@@ -61,7 +61,11 @@ class HidingParameters(TrainingParameters):
         "{hash_levels: 4}.",
     )
     feature_dim: int = Field(
-        16, ge=1, le=LARGEST_SETTING, description="M: channels of each Gaussian's coupled feature."
+        16,
+        ge=1,
+        le=LARGEST_SETTING,
+        description="M: channels of each Gaussian's coupled feature. homogeneous with several messages: better 8 for "
+        "each picture, the cover included.",
     )
     layers: int = Field(5, ge=2, le=LARGEST_SETTING, description="Convolutions in each decoder.")
     decoder_width: int = Field(
