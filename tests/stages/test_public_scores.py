@@ -29,9 +29,9 @@ def test_of_a_private_cover_the_public_sees_renders_without_photos_or_names(tmp_
     (owner,), (public,) = read_comparisons(made["pictures"]), read_comparisons(made["public_pictures"])
     assert owner.has_truth
     assert not public.has_truth
-    assert public.names == ("view 1", "view 2", "view 3", "view 4")
-    assert np.array_equal(public.rendered, owner.rendered)
-    assert np.array_equal(public.truth, owner.rendered)
+    assert public.names == ("view 1", "view 2"), "test views alone"
+    assert np.array_equal(public.rendered, owner.rendered[:2])
+    assert np.array_equal(public.truth, owner.rendered[:2])
     rows, every = read_rows(made["public_scores"]), read_rows(made["scores"])
     assert not any(row.view for row in rows)
     tests = [row.value for row in every if row.quantity == "psnr" and row.split == "test"]
