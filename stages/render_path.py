@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+
 import torch
 from pydantic import Field
 
 from opencl.routes import describe_drawing, working_device
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.feature_map import feature_map_picture
-from stages.analysis.filming import encoded, refuse_too_much
+from stages.analysis.filming import encoded, film
 from stages.analysis.videos import write_videos
 from stages.hiding.image_view import IMAGE_VIEW
 from stages.hiding.message_names import FEATURE_MAP
@@ -17,7 +19,6 @@ from stages.hiding.opening import read_container
 from stages.hiding.rendering import Rendering
 from stages.hiding.storage import check_method
 from stages.imaging.pictures import Picture, tensor_to_picture
-from stages.imaging.video import doubled
 from stages.scene.camera_path import Course, camera_path
 from stages.scene.cameras import Cameras
 from stages.scene.gaussians import Gaussians
@@ -66,14 +67,14 @@ def render_path(context: Context, parameters: RenderPathParameters) -> None:
     device = working_device()
     read = read_container(container, secret, device, context.input_optional("published"))
     path = path_along(read_scene(context.input("cover")), parameters)
-    filmed: dict[str, list[Picture]] = {}
     shown = () if secret is not None and IMAGE_VIEW in secret.attributes else None
-    for number, rendering in enumerate(read.photographs(path, shown), start=1):
-        pictures = {title: doubled(picture) for title, picture in panels_of(read.gaussians, rendering).items()}
-        refuse_too_much(pictures, parameters.frames, "Set fewer frames.")
-        for title, picture in pictures.items():
-            filmed.setdefault(title, []).append(picture)
-        context.progress_or_stop(number, parameters.frames)
+
+    def moments() -> Iterator[Mapping[str, Picture]]:
+        for number, rendering in enumerate(read.photographs(path, shown), start=1):
+            yield panels_of(read.gaussians, rendering)
+            context.progress_or_stop(number, parameters.frames)
+
+    filmed = film(moments(), parameters.frames, "Set fewer frames.")
     rate = parameters.frames / parameters.seconds
     videos = encoded(filmed, parameters.method, rate, context.stop_if_requested)
     write_videos(context.output("videos"), videos)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +14,7 @@ from pipeline.artifact import Artifact
 from pipeline.errors import UserError
 from pipeline.stage import Context, Input, Output, Parameters, stage
 from stages.analysis.comparisons import Comparison, Role, write_comparisons
-from stages.analysis.filming import encoded, refuse_too_much
+from stages.analysis.filming import encoded, film
 from stages.analysis.videos import write_videos
 from stages.hiding.bundle import CAMERAS, IMAGE_CAMERA
 from stages.hiding.camera_files import MOST_CAMERAS
@@ -24,7 +24,6 @@ from stages.hiding.opening import read_container
 from stages.hiding.rendering import COVER
 from stages.hiding.storage import check_method
 from stages.imaging.pictures import Picture, tensor_to_picture
-from stages.imaging.video import doubled
 from stages.scene.alignment import sample
 from stages.scene.cameras import Cameras
 from stages.scene.stored_cameras import read_cameras
@@ -76,14 +75,13 @@ def view_container(context: Context, parameters: ViewContainerParameters) -> Non
     hiding = _image_camera(context.input_optional("image_camera"), secret, parameters)
     device = working_device()
     read = read_container(container, secret, device)
-    filmed: dict[str, list[Picture]] = {}
-    for number, rendering in enumerate(read.photographs(path, None if hiding is None else ()), start=1):
-        pictures = {title: tensor_to_picture(picture) for title, picture in rendering.pictures.items()}
-        large = {title: doubled(picture) for title, picture in pictures.items()}
-        refuse_too_much(large, len(path), "Set fewer frames, or a smaller width.")
-        for title, picture in pictures.items():
-            filmed.setdefault(title, []).append(picture)
-        context.progress_or_stop(number, len(path))
+
+    def moments() -> Iterator[Mapping[str, Picture]]:
+        for number, rendering in enumerate(read.photographs(path, None if hiding is None else ()), start=1):
+            yield {title: tensor_to_picture(picture) for title, picture in rendering.pictures.items()}
+            context.progress_or_stop(number, len(path))
+
+    filmed = film(moments(), len(path), "Set fewer frames, or a smaller width.")
     kept = _kept(filmed, path, parameters)
     if hiding is not None:
         shown = next(read.photographs(hiding)).pictures
@@ -158,8 +156,7 @@ def _write(
 ) -> None:
     """Write everything for whoever runs it, and for the public the cover alone, unless the container is private."""
     rate = len(filmed[COVER]) / parameters.seconds
-    large = {title: [doubled(picture) for picture in pictures] for title, pictures in filmed.items()}
-    videos = encoded(large, parameters.method, rate, context.stop_if_requested)
+    videos = encoded(filmed, parameters.method, rate, context.stop_if_requested)
     write_videos(context.output("videos"), videos)
     public = () if context.input("container").private else ("cover",)
     write_videos(context.output("public_videos"), [video for video in videos if video.role in public])

@@ -153,9 +153,8 @@ def read_study(
 
     scored = _distinct(run for item in scores for run in _runs_of(item, columns, usual_of(item)))
     timed = _distinct(run for item in timings for run in _runs_of(item, columns, usual_of(item)))
-    names = _telling(timed, columns) | _telling(
-        scored, columns
-    )  # timings name no message, so fewer values distinguish them
+    # timings name no message, so fewer values distinguish them
+    names = _telling(timed, columns) | _telling(scored, columns)
     tried = [experiment for item in experiments for experiment in _experiments_of(item, columns, usual_of(item))]
     titles = shortest_titles({run.capture for run in (*scored, *timed)} | {each.capture for each in tried})
     return Study(
